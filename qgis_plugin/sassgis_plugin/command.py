@@ -35,9 +35,7 @@ FLOAT = QgsProcessingParameterNumber.Double
 INTEGER = QgsProcessingParameterNumber.Integer
 POLYGONS, LINES = QgsProcessing.TypeVectorPolygon, QgsProcessing.TypeVectorLine
 ANY_GEOMETRY = QgsProcessing.TypeVectorAnyGeometry
-GO_ON = (
-    "\n\nCancelling keeps what was computed: the same call into the same folder goes on from there."
-)
+GO_ON = "\n\nCancelling keeps what was computed: the same call into the same folder resumes there."
 
 
 def advanced(parameter):
@@ -290,7 +288,8 @@ class Command(Tool):
         self.addOutput(QgsProcessingOutputFile("USED_CONFIG", "Configuration"))
         self.addOutput(
             QgsProcessingOutputNumber(
-                "CHANGED_SHARE", "Share of the zoned area whose level another sample would change"
+                "CHANGED_SHARE",
+                "Share of the zoned area that changes level with another random seed",
             )
         )
 

@@ -149,7 +149,7 @@ def run(command: Sequence[object], feedback: QgsProcessingFeedback) -> list[str]
             said.append(line)
     else:
         _stop(process)
-        raise QgsProcessingException("Stopped: the same call goes on from what is saved.")
+        raise QgsProcessingException("Stopped: run the same call to resume from what is saved.")
     code = process.wait()
     if code != 0:
         raise QgsProcessingException(error or f"{words[0]} ended with code {code}; {last}")

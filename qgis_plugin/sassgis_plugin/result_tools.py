@@ -62,7 +62,7 @@ class Export(Tool):
             passed("--canton", QgsProcessingParameterString(
                 "CANTON", "INTERLIS: canton responsible for the data, as TI", optional=True
             )),
-            passed("--overwrite", box("OVERWRITE", "Replace a file that nobody has changed")),
+            passed("--overwrite", box("OVERWRITE", "Overwrite, unless the file was edited")),
             QgsProcessingParameterFileDestination(
                 "OUTPUT", "New file", "INTERLIS (*.xtf);;GeoJSON (*.geojson);;KML (*.kml)"
             ),

@@ -39,7 +39,7 @@ class _Writes(Tool):
     def initAlgorithm(self, configuration=None):
         """Declare parameters and outputs."""
         super().initAlgorithm(configuration)
-        overwrite = box("OVERWRITE", "Replace one that nobody has changed")
+        overwrite = box("OVERWRITE", "Overwrite, unless it was edited")
         self.addParameter(passed("--overwrite", overwrite))
         self.addParameter(box("LOAD", "Load the layers", True))
         self.addParameter(QgsProcessingParameterFileDestination("OUTPUT", self.TEXT, self.KINDS))

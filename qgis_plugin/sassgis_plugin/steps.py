@@ -122,11 +122,12 @@ def verdict(changed_share: float) -> tuple[str, str]:
     grade = "good"
     if changed_share > LOOK_SHARE:
         grade = "look" if changed_share <= BAD_SHARE else "bad"
-    text = "Another sample of as many blocks would change the level on "
-    text += f"{100.0 * changed_share:.1f} % of the zoned area."
+    text = (
+        f"With another random seed, {100.0 * changed_share:.1f} % of the zoned area changes level."
+    )
     advice = {
         "good": "",
-        "look": " More blocks make it less.",
-        "bad": " Too much for a map: simulate more blocks, or as many as the map needs.",
+        "look": " More blocks reduce this share.",
+        "bad": " This is too much for a map. Simulate more blocks.",
     }
     return grade, text + advice[grade]

@@ -255,10 +255,10 @@ def kept_areas(
             elif not overwrite:
                 raise OutputError(
                     f"{own}: exists and was made from other settings, inputs or versions, or has "
-                    "changed; choose another folder; --overwrite replaces what nobody has changed"
+                    "changed; choose another folder, or --overwrite (edited files stay)"
                 )
     if kept:
-        tell(f"{len(kept)} of {len(candidates)} areas are there already")
+        tell(f"{len(kept)} of {len(candidates)} areas are complete")
     return kept
 
 
@@ -302,7 +302,7 @@ def run_area(
         try:
             return _run_cut(setting, candidate, cut, folder, jobs, on_progress, tell)
         except TerrainTooSmall as small:
-            tell("Paths leave this part of the terrain: once more on a wider one")
+            tell("Paths leave this part of the terrain. Repeating on a wider one")
             margins = cut.wider(small.sides)
 
 

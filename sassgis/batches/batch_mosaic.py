@@ -145,7 +145,7 @@ def write_mosaic(
     target = folder / MOSAIC_NAME
     known = kept_mosaic(target, fingerprint, memory_bytes)
     if known is not None:
-        tell("The mosaic is there already")
+        tell("The mosaic is complete")
         return None, known
     tell("Adding up the areas")
     areas = [
@@ -235,8 +235,9 @@ def _said(areas: Sequence[Reached]) -> tuple[str, ...]:
     said = dict.fromkeys(text for a in areas for text in a.record.notices)
     if len({a.record.repetitions for a in areas}) > 1:
         said[
-            "Areas had different numbers of repetitions: maps that count blocks (reach "
-            "probability, energy, height) weigh them by blocks, those of hazard by frequency."
+            "Areas had different numbers of repetitions. Maps that count blocks (reach "
+            "probability, energy, height) weight areas by blocks. Hazard maps weight them by "
+            "frequency."
         ] = None
     return tuple(said)
 

@@ -110,7 +110,9 @@ def validate_observations(observations: Path, config: Path | None) -> None:
     for finding in findings:
         click.echo(str(finding))
     found = what_is_identifiable(read)
-    click.echo(f"{found.rocks} rocks, {found.unattributed} passages and deposits of no known rock")
+    click.echo(
+        f"{found.rocks} rocks, {found.unattributed} passages and deposits without a known rock"
+    )
     for quantity in found.quantities:
         click.echo(
             f"  {quantity.name} ({quantity.table}): {quantity.values} values of "

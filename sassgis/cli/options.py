@@ -26,9 +26,7 @@ def several(name: str, dest: str, meaning: str) -> Decorator:
 
 OUT = click.option("-o", "--output", "out", required=True, type=PATH, help="Folder to write.")
 CONFIG = click.argument("config", type=PATH)
-OVERWRITE = click.option(
-    "--overwrite", is_flag=True, help="Replace a result that nobody has changed."
-)
+OVERWRITE = click.option("--overwrite", is_flag=True, help="Overwrite, unless files were edited.")
 # Its limits are those of the setting, in whose place it is checked.
 SEED = click.option("--seed", type=int, help="In place of run.seed of the configuration.")
 FIT_SEED = click.option("--seed", type=click.IntRange(0, 2**31 - 1), default=1, show_default=True)

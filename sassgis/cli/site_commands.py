@@ -75,7 +75,7 @@ def fetch(
     if out is None:
         for offer in offers:
             click.echo(f"{offer.date}  {offer.file}  {offer.href}")
-        click.echo(f"{len(offers)} tiles. Nothing was fetched; -o FOLDER does it.")
+        click.echo(f"{len(offers)} tiles listed. Fetch them with -o FOLDER.")
         return
     vrt = fetch_terrain(offers, out, timeout_s=timeout_s, most=most, say=click.echo)
     click.echo(f"Wrote {vrt} over {len(offers)} tiles. Now: sassgis dem check {vrt}")
@@ -188,7 +188,7 @@ def new(file: Path, **given: Any) -> None:
         help="Folder of inputs of Rockyfor3D, in place of --dem and --release.",
     ),
     click.option("--all", "every", is_flag=True, help="Every key, with its meaning and default."),
-    click.option("--overwrite", is_flag=True, help="Replace a file that nobody has changed."),
+    click.option("--overwrite", is_flag=True, help="Overwrite, unless the file was edited."),
     short_help="Write a configuration: the lines that every site decides.",
     example="init --dem terrain/terrain.vrt --release site.gpkg",
 )  # fmt: skip

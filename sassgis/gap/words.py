@@ -7,7 +7,7 @@ from functools import reduce
 
 from sassgis.gap.causes.all_causes import CAUSES, GROUPS
 from sassgis.gap.diagnosis import GapFinding
-from sassgis.settings.labels import short
+from sassgis.settings.labels import ground_name, short
 from sassgis.settings.languages import Phrase, all_of, in_english, joined, named, phrase
 from sassgis.settings.styles import with_unit
 
@@ -156,7 +156,8 @@ def place_words(place: str) -> Phrase:
     if place == "contacts":
         return phrase("along the path")
     if place.startswith("ground:"):
-        return phrase("on {}", place.removeprefix("ground:").replace("_", " "))
+        ground = ground_name(place.removeprefix("ground:"))
+        return phrase("on {}", in_english(ground.replace("_", " "), ground))
     upper, dash, lower = place.partition("-")
     if not dash:
         return phrase("at {}", place)

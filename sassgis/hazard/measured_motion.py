@@ -67,8 +67,8 @@ def size_warnings(blocks: tuple[BlockPopulation, ...]) -> list[str]:
     if not beyond:
         return []
     text = (
-        "Blocks larger than any whose motion was measured, {} m³: {}. Their speeds and heights "
-        "rest on the law of motion alone."
+        "Blocks larger than any measured in motion ({} m³): {}. Their speeds and heights are "
+        "extrapolated."
     )
     return [phrase(text, short(known), ", ".join(beyond))]
 
@@ -93,8 +93,8 @@ def motion_warnings(
         if share >= _LEAST_SHARE:
             out.append(
                 phrase(
-                    "On {} % of the reached area the 95 % {} are above {} {}, the largest measured "
-                    "on blocks of this size; they come to {} {}, {} % beyond it.",
+                    "On {} % of the reached area, the 95 % {} exceed {} {}, the largest measured "
+                    "for blocks of this size. They reach {} {}, {} % more.",
                     f"{100.0 * share:.0f}", phrase(words), short(limit), unit,
                     short(float(values.max())), unit,
                     f"{100.0 * (float(values.max()) / limit - 1.0):.0f}",

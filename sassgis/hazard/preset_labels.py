@@ -44,7 +44,7 @@ def preset_unverified(preset: HazardPreset) -> list[str]:
 def unverified_in_short(preset: HazardPreset) -> list[str]:
     """The same without the sources, in one text or none: for sheets, where there is little room."""
     what = [text for own in _unverified(preset).values() for text in own]
-    text = "Preset {}, unverified: {}. The report says why."
+    text = "Preset {}, unverified: {}. See the report."
     return [phrase(text, preset.name, joined(", ", what))] if what else []
 
 

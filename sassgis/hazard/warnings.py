@@ -17,8 +17,8 @@ from sassgis.hazard.zoning.applied_edits import AppliedEdit, shares_text
 from sassgis.settings.effects import EffectSettings
 from sassgis.settings.ground import GroundClass, Trust
 from sassgis.settings.hazard_rules import BlockBudget, HazardPreset
-from sassgis.settings.labels import STOP_TEXT, short
-from sassgis.settings.languages import phrase
+from sassgis.settings.labels import STOP_TEXT, short, thousands
+from sassgis.settings.languages import Phrase, phrase
 from sassgis.settings.map_run import MapRun
 from sassgis.settings.profiles import LineEnd, ReleasePoints
 from sassgis.settings.results import StopReason
@@ -33,29 +33,63 @@ _LINE_ENDS = (
     (LineEnd.CLOSED_LOOP, "{} of {} fall lines close upon themselves."),
 )
 _TRUST_WARNINGS: tuple[tuple[Trust, str], ...] = (
-    ("estimate", "Ground classes that are estimates, with their share of the ground: {}."),
-    ("fitted", "Ground classes fitted to field sites, with their share of the ground: {}."),
+    ("estimate", "Estimated ground classes (share of the ground): {}."),
+    ("fitted", "Ground classes fitted to field sites (share of the ground): {}."),
 )
 #: Points and size of a release area differ by more than this factor, and by so many points.
 _UNEVEN, _FEW_POINTS = 2.0, 2
+#: What is said of one block that ends so, and of several.
 _STOPS = (
     (
         StopReason.LEFT_PROFILE,
-        "{} % of the blocks still moved at the end of their fall line or at the edge of the "
-        "terrain model, and are lost from the map.",
+        "{} left the terrain model or its fall line while still moving. It is missing from the "
+        "map.",
+        "{} left the terrain model or their fall line while still moving. They are missing from "
+        "the map.",
     ),
     (
         StopReason.STEP_LIMIT,
-        "{} % of the blocks were given up: at engine.max_events contacts, or below the ground.",
+        "{} was aborted (engine.max_events contacts reached, or below the ground).",
+        "{} were aborted (engine.max_events contacts reached, or below the ground).",
     ),
     (
         StopReason.NEVER_STARTED,
-        "{} % of the blocks never started: the slope at their release point is below the "
-        "friction there. They are not part of the denominator of reach probability and "
-        "frequencies, which are those of blocks that start (give blocks an initial speed if they "
-        "should).",
+        "{} never started, because the slope at its release point is too gentle for the friction "
+        "there. Reach probability and frequencies do not count it. Give blocks an initial speed "
+        "to start them.",
+        "{} never started, because the slope at their release point is too gentle for the "
+        "friction there. Reach probability and frequencies do not count them. Give blocks an "
+        "initial speed to start them.",
     ),
 )
+#: Below this share of all blocks their number is stated in place of the share.
+_FEW = 1e-3
+#: Beginnings of the warnings that describe the set-up, in English.
+_SET_UP = (
+    "Preset ",
+    "Ground classes fitted to field sites",
+    "Estimated ground classes",
+    "Diameter of blocks on the ground",
+    "Hazard zones edited by hand",
+    "No block reaches: ",
+)
+
+
+def describes_set_up(warning: str) -> bool:
+    """Whether a warning, in English, describes the set-up and not what may make a map wrong."""
+    return warning.startswith(_SET_UP)
+
+
+def _some_blocks(n: int, total: int) -> Phrase:
+    """Blocks of all blocks: their share, or how many they are if these are few."""
+    if n >= _FEW * total:
+        return phrase("{} % of the blocks", short(100.0 * n / total))
+    all_blocks = thousands(total)
+    if total >= 1_000_000:
+        all_blocks = phrase("{} million", f"{total / 1e6:.2g}")
+    if n == 1:
+        return phrase("1 block of {}", all_blocks)
+    return phrase("{} of {} blocks", n, all_blocks)
 
 
 def ground_shares(run: MapRun, cells: IntArray) -> list[tuple[GroundClass, float]]:
@@ -79,7 +113,7 @@ def ground_warnings(used: Sequence[tuple[GroundClass, float]]) -> list[str]:
             out.append(phrase(text, names))
     assumed = [f"{c.name} {c.d_star_m:g} m" for c, _ in used if c.trust == "paper" and c.d_star_m]
     if assumed:
-        text = "Diameter of blocks on the ground from the table, to be measured on the site: {}."
+        text = "Diameter of blocks on the ground taken from the table: {}. Measure it on the site."
         out.append(phrase(text, ", ".join(assumed)))
     return out
 
@@ -89,8 +123,8 @@ def path_warnings(path: str) -> list[str]:
     if path == "followed":
         return []
     return [
-        "All blocks of a release point keep to one fall line: maps and zones are too narrow where "
-        'blocks spread laterally. terrain.path = "followed" gives each block a path of its own.'
+        "All blocks of a release point stay on one fall line. Maps and zones are too narrow where "
+        'blocks spread laterally. Use terrain.path = "followed" to give each block its path.'
     ]
 
 
@@ -113,15 +147,14 @@ def release_warnings(run: MapRun, points: ReleasePoints) -> list[str]:
     out: list[str] = []
     if uneven:
         text = (
-            "Release areas with far more or fewer release points than their size asks for at "
-            "release.spacing_m (points, asked for): {}. Their parts do not count evenly; a smaller "
-            "spacing does better."
+            "Release areas with too many or too few release points for their size (points, "
+            "needed): {}. Their parts do not count evenly. Reduce release.spacing_m."
         )
         out.append(phrase(text, ", ".join(uneven)))
     if narrow:
         text = (
-            "Release areas so narrow that a release point represents more than twice "
-            "release.spacing_m of their length: {}. A smaller spacing gives more points."
+            "Release areas too narrow for release.spacing_m, where a point represents more than "
+            "twice this length: {}. Reduce it to get more points."
         )
         out.append(phrase(text, ", ".join(narrow)))
     return out
@@ -130,8 +163,8 @@ def release_warnings(run: MapRun, points: ReleasePoints) -> list[str]:
 def idle_areas(areas: Iterable[str]) -> list[str]:
     """That no block starts in some release areas; nothing without any."""
     text = (
-        "No block starts in these release areas, as no release point has a height and a descent; "
-        "their onset frequency is in no map: {}."
+        "No block starts in these release areas, because no release point has a height and a "
+        "descent: {}. The maps do not contain their onset frequency."
     )
     names = ", ".join(areas)
     return [phrase(text, names)] if names else []
@@ -146,17 +179,15 @@ def simulation_warnings(run: MapRun, progress: Progress) -> list[str]:
     for end, what in _LINE_ENDS:
         if ends[end] and not run.followed:
             out.append(phrase(what, ends[end], sum(ends.values())))
-    for reason, what in _STOPS:
-        n = int(progress.reasons[reason])
-        if n:
-            # Shares, as some blocks count for several.
+    for reason, one, several in _STOPS:
+        if n := int(progress.reasons[reason]):
             of = total if reason == StopReason.NEVER_STARTED else started
-            out.append(phrase(what, short(100.0 * n / of)))
+            text = one if n == 1 and n < _FEW * of else several
+            out.append(phrase(text, _some_blocks(n, of)))
     if progress.lost:
         text = (
-            "{} blocks were not simulated: their fall lines end where they begin (release points "
-            "on nodata or at the edge of the terrain model). They are not part of the denominator "
-            "of the reach probability."
+            "Blocks not simulated, as their release points lie on nodata or at the edge of the "
+            "terrain model: {}. The reach probability does not count them."
         )
         out.append(phrase(text, progress.lost))
     sources = {area for area, _ in progress.sources}
@@ -180,13 +211,13 @@ def rule_warnings(preset: HazardPreset, frequencies: Mapping[tuple[str, str], fl
     out = preset_unverified(preset)
     idle = [f"{area} / {scenario}" for (area, scenario), n in frequencies.items() if n == 0.0]
     if idle:
-        out.append(phrase("Onset frequency 0, so without any hazard: {}.", ", ".join(idle)))
+        out.append(phrase("Onset frequency 0, no hazard: {}.", ", ".join(idle)))
     return out
 
 
 def sample_words(changed_share: float) -> str:
     """What another sample would change: one sentence for command, report and sheets."""
-    text = "Another sample of as many blocks would change the level on {} % of the zoned area."
+    text = "With another random seed, {} % of the zoned area changes level."
     return phrase(text, f"{100 * changed_share:.1f}")
 
 
@@ -200,10 +231,10 @@ def edge_words(run: MapRun, progress: Progress, open_m: float) -> str:
         return ""
     lost = short(100.0 * progress.lost_share)
     if open_m <= 0.0:
-        return phrase("{} % of the blocks left the terrain model; no zone ends at its edge.", lost)
+        return phrase("{} % of the blocks left the terrain model. No zone ends at its edge.", lost)
     text = (
-        "{} % of the blocks left the terrain model; over {} m zones go on beyond its edge, where "
-        "nothing was computed."
+        "{} % of the blocks left the terrain model. Zones continue beyond its edge over {} m, "
+        "where nothing was computed."
     )
     return phrase(text, lost, f"{open_m:.0f}")
 
@@ -213,8 +244,8 @@ def zone_warnings(changed_share: float, budget: BlockBudget | None) -> list[str]
     if budget is None or changed_share <= budget.changed_share:
         return []
     text = (
-        "{} Wanted: {} % (hazard.changed_share_max); hazard.blocks_max or hazard.minutes_max was "
-        "spent before."
+        "{} The limit hazard.changed_share_max is {} %. The run stopped at hazard.blocks_max or "
+        "hazard.minutes_max before it reached this limit."
     )
     return [phrase(text, sample_words(changed_share), f"{100 * budget.changed_share:g}")]
 
@@ -225,9 +256,11 @@ def edit_lines(applied: Sequence[AppliedEdit]) -> list[str]:
         return []
     authors = ", ".join(dict.fromkeys(a.edit.author for a in applied))
     if len(applied) == 1:
-        text = "Hazard zones edited by hand at one place ({}); intensities and risk as computed."
+        text = (
+            "Hazard zones edited by hand at one place ({}). Intensities and risk are as computed."
+        )
         return [phrase(text, authors)]
-    text = "Hazard zones edited by hand at {} places ({}); intensities and risk are as computed."
+    text = "Hazard zones edited by hand at {} places ({}). Intensities and risk are as computed."
     return [phrase(text, len(applied), authors)]
 
 
@@ -235,8 +268,8 @@ def edit_warnings(applied: Sequence[AppliedEdit]) -> list[str]:
     """Edits below which another level is computed than when they were made."""
     return [
         phrase(
-            "Below an edit ({}) the computed level has changed on {} % of its area: then {}; "
-            "now {}.",
+            "Under an edit ({}), the computed level has changed on {} % of its area. Before: {}. "
+            "Now: {}.",
             a.edit.words,
             f"{100 * a.changed:.0f}",
             shares_text(a.then),
@@ -251,8 +284,8 @@ def profile_warnings(result: ProfileResult, effects: EffectSettings) -> list[str
     """What happened to the blocks of a profile."""
     out: list[str] = []
     if effects.get(LateralDeflection) is not None:
-        out.append("A profile has no width: [effects.lateral_deflection] does nothing here.")
-    for reason, _ in _STOPS:
+        out.append("A profile has no width. [effects.lateral_deflection] has no effect here.")
+    for reason, *_ in _STOPS:
         n = int((result.rocks["reason"] == reason).sum())
         if n:
             text = phrase(STOP_TEXT[reason])

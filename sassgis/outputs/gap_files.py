@@ -150,7 +150,7 @@ def _comments(
         else f"Ground classes are calibrated to these observations ({CLASSES_NAME}).",
     ]
     if diagnosis.advice.short is not None:
-        lines.append("Not recommended: it falls short of the rocks, on the unsafe side.")
+        lines.append("Not recommended: simulated blocks stop too early (unsafe).")
     if diagnosis.advice.why:
         lines.append(f"{diagnosis.advice.why[:1].upper()}{diagnosis.advice.why[1:]}.")
     if verdict.effect == "none":

@@ -212,7 +212,7 @@ def fetch_terrain(
             fetched = _fetch(offer, folder, timeout_s)
         except InputError as error:
             where = f"tile {number} of {len(offers)}"
-            problem = f"{where}: {error.problem}; the same command goes on from there"
+            problem = f"{where}: {error.problem}; run the same command to resume"
             raise InputError(**error.parts(problem=problem)) from None
         say(f"{number}/{len(offers)} {offer.file} {'fetched' if fetched else 'is there'}")
     terrain = open_tiles([folder / o.file for o in offers], folder)

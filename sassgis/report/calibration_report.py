@@ -26,6 +26,7 @@ from sassgis.report.page import (
     table_of,
 )
 from sassgis.report.pictures import picture
+from sassgis.settings.labels import ground_name
 from sassgis.settings.languages import joined, phrase, translated
 
 #: Panels of one site.
@@ -35,10 +36,10 @@ _LIMITS = {"low": "lower", "high": "upper", "": "–"}
 _MEANING = ReportAnswer(
     "How to read this",
     (
-        "The observed rocks were released again with many sets of parameters. What they show, as "
-        "means, scatters and trends over the rocks, is regressed on the parameters; with the "
-        "spread between sites this gives the values and their intervals. Energy score: how near "
-        "the simulated rocks come to each observed one, less their own scatter.",
+        "The observed rocks were simulated with many sets of parameters. Means, scatters and "
+        "trends over the rocks are regressed on the parameters. Together with the spread between "
+        "sites this gives the values and their intervals. Energy score: distance of the simulated "
+        "rocks from each observed one, less their scatter.",
         "Rocks left out: the rocks were split into five parts; each part was predicted with "
         "parameters chosen on the other four.",
     ),
@@ -48,7 +49,7 @@ _MEANING = ReportAnswer(
 def verdict(calibration: SiteCalibration) -> str:
     """The result in a few sentences; the first says which ground to run."""
     told = [f for f in calibration.fitted if f.identified]
-    text = "{} rocks identify {} of {} parameters by themselves, and {} combinations of them."
+    text = "{} rocks identify {} of {} parameters and {} combinations of them."
     numbers = calibration.rocks, len(told), len(calibration.fitted), calibration.combinations
     sentences = [calibration.recommendation, phrase(text, *numbers)]
     for site in calibration.sites:
@@ -71,19 +72,19 @@ def calibration_warnings(calibration: SiteCalibration) -> list[str]:
             for s in calibration.sites
         ]
         text = (
-            "The sites contradict each other: common parameters score {} worse than each site's "
-            "own, more than chance explains. Calibrate them apart, or give their ground classes "
-            "of different names."
+            "The sites contradict each other. Common parameters score {} worse than separate "
+            "ones, which is more than chance. Calibrate the sites separately, or give their "
+            "ground classes different names."
         )
         out.append(phrase(text, joined(", ", worse)))
     unknown = [f.parameter.label for f in calibration.fitted if not f.identified]
     if unknown:
         text = (
-            "The observations do not identify {} by themselves: they stay near the configured "
-            "values, as far as such values vary between sites."
+            "The observations do not identify {}. These stay near the configured values, within "
+            "their spread between sites."
         )
         out.append(phrase(text, ", ".join(unknown)))
-    text = "The observations do not tell {} and {} apart."
+    text = "The observations do not separate {} from {}."
     out += [phrase(text, one, other) for one, other in calibration.alike]
     if calibration.rocks < FEW_ROCKS:
         text = "Only {} rocks were observed: intervals are wide."
@@ -181,7 +182,7 @@ def _parameter_table(fitted: Sequence[Fitted]) -> ReportTable:
         "limits of the search; identified; at a limit",
         (
             (
-                f.parameter.class_name, f.parameter.name, f.parameter.configured,
+                ground_name(f.parameter.class_name), f.parameter.name, f.parameter.configured,
                 float(f"{f.parameter.spread:.2g}"), f.value,
                 interval_text((f.low, f.high), 2),
                 interval_text((f.parameter.limits.low, f.parameter.limits.high), 2),

@@ -97,10 +97,10 @@ def change_report(
     )
     sure = (
         change.beyond_sampling,
-        "Of such an area 5 % at most are to be expected by chance (false discovery rate, the two "
-        "samples taken as independent).",
-        "With the same seed and release points the samples are alike, and smaller changes are "
-        "real as well. Errors of the model, its parameters and the onset frequencies are not "
+        "At most 5 % of this area is expected by chance (false discovery rate for independent "
+        "samples).",
+        "Results with the same seed and release points share their sample. Smaller changes are "
+        "then real as well. Errors of the model, its parameters and the onset frequencies are not "
         "included.",
     )
     found = (r.manifest["settings"].get("project", {}).get("name", "") for r in (before, after))
@@ -110,14 +110,14 @@ def change_report(
     if LEVEL.stem in after.maps:
         levels |= {c.value: c.label for c in after.maps[LEVEL.stem].classes}
     note = (
-        "0 where no block arrives. Energy and passing height with limits by the sampling: of all "
-        "blocks that reach the object, of a road at the stretch with the largest; the others, and "
-        "those without limits, are the largest over the cells of an object, a road as a whole. "
+        "0 where no block arrives. Energies and passing heights with limits of the sampling error "
+        "hold for all blocks that reach the object; on a road they hold for the stretch with the "
+        "largest value. Values without limits are the largest over the cells of the object. "
         "Deaths and loss are sums over the object."
     )
     return ReportContext(
         title=translated(phrase("{}: before and after", both)),
-        subtitle="What changes from one result to the other",
+        subtitle="Changes between the two results",
         what_was_run=tuple(
             (phrase("{}: {}", phrase(name), phrase(fact)), text)
             for name, result in (("Before", before), ("After", after))
@@ -180,8 +180,8 @@ def _key_table(change: ResultChange) -> ReportTable:
             )
             for r in rows
         ),
-        "Areas are those of cells, and of zones as they are drawn. Run-out: chainage of the stops "
-        "that the results keep, fragments and entrained blocks left out.",
+        "Areas of cells, and of zones as drawn. Run-out: distances of the stored stops without "
+        "fragments and entrained blocks.",
     )  # fmt: skip
 
 

@@ -63,9 +63,9 @@ def exposed_table(
         rows.append((-energy.max(), (name, placed.objects[number].kind, *level, *cells)))
     rows.sort(key=lambda row: row[0])
     note = phrase(
-        "All blocks that come to the object, with limits of the sampling error. Energy: each "
-        "block with its largest value. Height: each block in each cell. Roads and lines: the "
-        "stretch that receives the most energy. A dash: no block arrives, or not as often."
+        "All blocks that reach the object, with limits of the sampling error. Energy: the largest "
+        "value of each block. Height: each block in each cell. Roads and lines: the stretch with "
+        "the most energy. A dash means that no block arrives, or less often."
     )
     columns = heads(
         f"object; kind; {'hazard level; ' if levels else ''}"

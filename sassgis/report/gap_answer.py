@@ -38,7 +38,7 @@ def verdict_sentence(diagnosis: Diagnosis) -> Phrase:
         share = f"{100 * verdict.group_probability:.0f}"
         out.append(phrase("Group “{}”: {} %.", phrase(verdict.group), share))
     if "measurement_error" in verdict.effect.split("+"):
-        out.append(phrase("The observations that are compared with the model have it."))
+        out.append(phrase("It is in the observations, not in the model."))
         out += _scaled(hypothesis_of(diagnosis.which, verdict.effect))
     if verdict.effect in ("none", "contact_law") and verdict.cannot_exclude:
         out.append(_unseen(verdict))
@@ -61,46 +61,38 @@ def _scaled(named: Hypothesis | None) -> list[Phrase]:
 def _unseen(verdict: Verdict) -> Phrase:
     """Causes that the data could not show."""
     names = effect_names(verdict.cannot_exclude)
-    return phrase("These data can neither show nor exclude: {}.", names)
+    return phrase("These data cannot show or exclude: {}.", names)
 
 
 def _named(diagnosis: Diagnosis) -> Phrase:
     verdict, advice = diagnosis.verdict, diagnosis.advice
     if verdict.effect == "unknown":
-        return phrase("These data cannot answer which cause the gap has.")
+        return phrase("These data do not show the cause of the gap.")
     if verdict.effect == "contact_law":
-        text = "No cause that these data could show is probable beside {}."
+        text = "These data show no other probable cause than {}."
         return phrase(text, effect_phrase(verdict.effect))
     if verdict.effect != "none":
         text, by = "The gap is best explained by {}.", diagnosis.shrinkage
         if by.effect == verdict.effect and by.value is not None and by.value <= 0.0:
-            text = (
-                "The observations show {}, but adding it closes none of the gap on rocks left out."
-            )
+            text = "The observations show {}. Adding it does not close the gap on rocks left out."
         elif by.effect == verdict.effect and by.ci95 is not None and by.ci95[0] <= 0.0:
             text = (
-                "The observations show {}, but on rocks left out adding it closes nothing of the "
-                "gap for certain."
+                "The observations show {}. It is not certain that adding it closes the gap on "
+                "rocks left out."
             )
         return phrase(text, effect_phrase(verdict.effect))
-    left = phrase("is no more than chance among {} rocks", diagnosis.rocks)
+    left = phrase("The remaining differences are within chance ({} rocks).", diagnosis.rocks)
     if any(gap.counts and gap.side == "unsafe" for gap in advice.left) or any(
         significance(finding) == "sure" for finding in diagnosis.where
     ):
-        left = phrase("is that of no known cause, and within the scatter of single rocks")
+        left = phrase("The remaining differences are within the scatter of single rocks.")
     if any(gap.counts and gap.is_far for gap in advice.left):
-        left = phrase("is that of no known cause")
-    text = (
-        "No effect has to be added: once the ground is calibrated, what is left between observed "
-        "and simulated rocks {}."
-    )
+        left = phrase("Large differences remain without a known cause.")
+    text = "After calibration no missing effect is detectable. {}"
     if advice.recommended == "configured":
-        text = "No effect has to be added: what is left between observed and simulated rocks {}."
+        text = "No missing effect is detectable. {}"
     elif advice.recommended == "contact_law":
-        text = (
-            "No effect has to be added: once the law of the contact is calibrated, what is left "
-            "between observed and simulated rocks {}."
-        )
+        text = "After calibration of the contact law no missing effect is detectable. {}"
     return phrase(text, left)
 
 
@@ -127,12 +119,11 @@ def _why(diagnosis: Diagnosis) -> ReportAnswer:
     recommended = diagnosis.advice.recommended
     missing = {*verdict.effect.split("+")} - {*recommended.split("+")}
     if verdict.effect not in UNNAMED and missing:
-        text = "It is named, but not recommended: what is handed over has {}."
+        text = "It is named but not recommended. The calibrated model contains {}."
         out.append(phrase(text, file_has(recommended)))
     if verdict.effect != "unknown":
         out.append(
-            "The confidence is that of synthetic sites of several laws of motion. Take the answer "
-            "as what to look at first, not as found."
+            "The confidence was measured on synthetic sites. Treat this as a lead, not a finding."
         )
     tried = hypothesis_of(diagnosis.which, verdict.effect)
     if tried is not None and verdict.named:
@@ -142,11 +133,11 @@ def _why(diagnosis: Diagnosis) -> ReportAnswer:
             sensible(tried.score + tried.gain),
         )
         if tried.gain > 0.0:
-            text = "With it, single held-out rocks are predicted better by {} {}."
+            text = "It improves the prediction of single held-out rocks by {} {}."
             out.append(phrase(text, sensible(tried.gain), interval))
         else:
             text = (
-                "Single held-out rocks are not predicted better with it {}: the evidence for it is "
+                "It does not improve the prediction of single held-out rocks {}. The evidence is "
                 "in patterns over all rocks, such as trends, scatter and single impacts."
             )
             out.append(phrase(text, interval))
@@ -180,16 +171,18 @@ def _confused(diagnosis: Diagnosis) -> ReportAnswer:
         possible = "Still possible: {}." if unknown else "These data do not separate it from: {}."
         sentences = [phrase(possible, effect_names(others))]
     elif unknown:
-        sentences = ["None of the causes that these data could show is probable."]
+        sentences = ["These data show no probable cause."]
     elif verdict.cannot_exclude:
-        sentences = ["None of the causes that these data could show is probable besides."]
+        sentences = ["These data show no other probable cause."]
     else:
-        sentences = ["None of the other explanations that were tried remains possible."]
+        sentences = ["No other tried explanation remains possible."]
     if verdict.cannot_exclude:
         sentences.append(_unseen(verdict))
     if diagnosis.measure_next:
-        sentences.append("What would separate them:" if others else "What would make it surer:")
-    return ReportAnswer("What it may be mistaken for", tuple(sentences), diagnosis.measure_next)
+        sentences.append(
+            "What would separate them:" if others else ("What would increase the confidence:")
+        )
+    return ReportAnswer("Possible confusion", tuple(sentences), diagnosis.measure_next)
 
 
 def effect_names(effects: Iterable[str]) -> Phrase:
@@ -207,7 +200,7 @@ def finding_sentence(finding: GapFinding) -> Phrase:
         span = interval_text(finding.ci95, digits=2)
     name, unit = capital(quantity_name(finding.quantity)), finding.unit
     return phrase(
-        "{} {}: observed {}, predicted {}, that is {} {} (95 % interval {}; {} rocks; {}; p {}).",
+        "{} {}: observed {}, predicted {}, {} {} (95 % interval {}; {} rocks; {}; p {}).",
         name,
         place_words(finding.place),
         with_unit(sensible(finding.observed), unit),
@@ -229,8 +222,8 @@ def _where(findings: tuple[GapFinding, ...]) -> ReportAnswer:
     likely = [f for f in findings if significance(f) == "likely"]
     if not sure:
         none = (
-            "Of {} comparisons by place, phase and quantity none is significant after adjustment "
-            "for their number: the gap, if there is one, cannot be placed."
+            "None of {} comparisons by place, phase and quantity is significant after adjustment "
+            "for their number. The gap cannot be located."
         )
         text = phrase(none, len(findings))
         if likely:
@@ -259,8 +252,8 @@ def _one_per_quantity(findings: Iterable[GapFinding]) -> list[GapFinding]:
 def _how_far(shrinkage: Shrinkage, verdict: Verdict) -> ReportAnswer:
     heading = "How far the gap shrinks"
     left = phrase(
-        "Energy distance to the observed rocks: {} with the calibrated base model, {} with {}, {} "
-        "is the least that chance leaves.",
+        "Energy distance to the observed rocks: {} with the calibrated base model, {} with {}. "
+        "Chance leaves at least {}.",
         sensible(shrinkage.distance_base),
         sensible(shrinkage.distance_effect),
         effect_name(shrinkage.effect),
@@ -269,15 +262,14 @@ def _how_far(shrinkage: Shrinkage, verdict: Verdict) -> ReportAnswer:
     note = (_sentence(shrinkage.note),) if shrinkage.note else ()
     if not verdict.named:
         text = (
-            "No effect was named that could be added. The energy distance of the calibrated base "
-            "model to the observed rocks is {}; {} is the least that chance leaves."
+            "No effect was named. The energy distance of the calibrated base model to the "
+            "observed rocks is {}. Chance leaves at least {}."
         )
         said = [phrase(text, *map(sensible, (shrinkage.distance_base, shrinkage.distance_floor)))]
         if shrinkage.ci95 is not None and shrinkage.ci95[0] > 0.0:
             text = (
-                "With {} added it is {}: {} of the gap that is not chance would close{}, on rocks "
-                "left out. Another law of the contact may close as much, so that this alone names "
-                "no cause."
+                "With {} it is {}. This closes {} of the gap beyond chance{}, on rocks left out. "
+                "Another law of the contact may close as much. This is no proof of a cause."
             )
             said.append(
                 phrase(
@@ -287,14 +279,10 @@ def _how_far(shrinkage: Shrinkage, verdict: Verdict) -> ReportAnswer:
             )  # fmt: skip
         return ReportAnswer(heading, (*said, *(note if verdict.effect == "none" else ())))
     if shrinkage.value is None:
-        first = phrase(
-            "By what share the gap shrinks is not given, as the gap itself is not certainly above "
-            "what chance leaves."
-        )
+        first = phrase("No share is stated, because the gap may be chance.")
     else:
         text = (
-            "With {} added, {} of the gap that is not chance closes{}, on rocks left out of the "
-            "calibration."
+            "Adding {} closes {} of the gap beyond chance{}, on rocks left out of the calibration."
         )
         first = phrase(
             text, effect_name(shrinkage.effect), _share(shrinkage.value), _span(shrinkage)

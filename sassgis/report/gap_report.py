@@ -51,6 +51,7 @@ from sassgis.report.gap_answer import (
 from sassgis.report.page import Cell, ReportContext, ReportFigure, ReportTable, sensible, table_of
 from sassgis.report.pictures import picture
 from sassgis.settings.ground import PARAMETERS, GroundTable
+from sassgis.settings.labels import ground_name
 from sassgis.settings.languages import Phrase, capital, joined, phrase, translated
 
 #: Below this number of rocks the report warns of it.
@@ -65,28 +66,28 @@ def report_warnings(case: Case, diagnosis: Diagnosis) -> list[str]:
     verdict = diagnosis.verdict
     if diagnosis.rocks < FEW_ROCKS:
         text = (
-            "Only {} rocks were observed. Intervals are wide, and an effect that is not named may "
-            "still be there."
+            "Only {} rocks were observed. Intervals are wide. Effects may be present that are not "
+            "named."
         )
         out.append(phrase(text, diagnosis.rocks))
     if verdict.effect not in UNNAMED and len(verdict.confusion_set) > 1:
         names = effect_names(verdict.confusion_set)
-        out.append(phrase("More than one explanation is possible with these data: {}.", names))
+        out.append(phrase("These data allow several explanations: {}.", names))
     if diagnosis.effect.stand is not None:
         out.append(
-            "The forest of the calibrated model is fitted to the observations. Compare it with the "
-            "forest that stands there."
+            "The forest of the calibrated model is fitted to the observations. Compare it with "
+            "the real forest."
         )
     left_out = sum(bool(f.left_out) for f in case.observations.findings)
     if left_out:
         text = (
-            "{} findings about the observations made values, rows or tables be left out; sassgis "
-            "gap validate lists them."
+            "Problems in the observations that exclude values, rows or tables: {}. List them with "
+            "sassgis gap validate."
         )
         if left_out == 1:
             text = (
-                "1 finding about the observations made values, rows or tables be left out; sassgis "
-                "gap validate lists them."
+                "Problems in the observations that exclude values, rows or tables: 1. List them "
+                "with sassgis gap validate."
             )
         out.append(phrase(text, left_out))
     return out
@@ -175,12 +176,11 @@ def gap_figures(case: Case, diagnosis: Diagnosis, folder: Path) -> list[ReportFi
     table = case.observations
     release = np.column_stack([table.rocks.x, table.rocks.y])
     stops = np.column_stack([table.deposits.x, table.deposits.y])
-    caption = "No gap has a place along the fall lines."
+    caption = "No gap lies along the fall lines."
     if first is not None and any(math.isfinite(s.gap) for s in (*stretches, *stations.values())):
         text = (
-            "{}. Across the slope: at a station; along the fall lines: on that stretch, as a rule "
-            "with the rocks started anew where it begins, so that what went wrong above does not "
-            "count again."
+            "{}. Across the slope: at a station. Along the fall lines: on that stretch. As a rule "
+            "the rocks start anew at its top, so that errors above do not count again."
         )
         caption = phrase(text, capital(quantity_name(first.quantity)))
     drawn = gap_map_figure(
@@ -206,8 +206,8 @@ def gap_figures(case: Case, diagnosis: Diagnosis, folder: Path) -> list[ReportFi
         add(
             "gap_distributions",
             "Observed rocks and the models",
-            "Curves of observed rocks are drawn as steps: nothing is smoothed. A step curve within "
-            "the pale band does not differ from the base model.",
+            "Step curves show observed rocks without smoothing. A step curve within the pale band "
+            "does not differ from the base model.",
             gap_distributions_figure(diagnosis.comparisons, effect=named),
         )
     if diagnosis.ladder:
@@ -222,8 +222,8 @@ def gap_figures(case: Case, diagnosis: Diagnosis, folder: Path) -> list[ReportFi
         add(
             "gap_hypotheses",
             "Explanations that were tried",
-            "The base and the most probable ones were calibrated further than the others; all were "
-            "scored on held-out rocks.",
+            "The base model and the most probable causes were calibrated further than the others. "
+            "All scores are on held-out rocks.",
             gap_hypotheses_figure(
                 diagnosis.which, verdict=verdict.effect, confusion=causes_in(verdict.confusion_set)
             ),
@@ -309,9 +309,9 @@ def _gaps_table(advice: Advice) -> ReportTable:
         return gap.predicted, _with_interval(gap.gap, gap.ci95), side
 
     return table_of(
-        "Observed rocks, the configured model and the one handed over",
+        "Observed rocks, configured model and calibrated model",
         "place; quantity; observed; counts from; configured; gap | 95 % interval; side; "
-        "handed over; gap | 95 % interval; side",
+        "calibrated model; gap | 95 % interval; side",
         (
             (
                 place_name(g.place),
@@ -324,10 +324,9 @@ def _gaps_table(advice: Advice) -> ReportTable:
             for g in advice.compared
         ),
         phrase(
-            "Handed over: {}, on rocks left out. Gap: observed less predicted; above zero the "
-            "model falls short, on the unsafe side. In brackets: certain, but too small to count. "
-            "Interval: rocks resampled. Width: from the 10 % to the 90 % quantile. Energy: of "
-            "translation.",
+            "Calibrated model: {}, on rocks left out. Gap: observed less predicted; above zero "
+            "the model is unsafe. In brackets: certain but too small to matter. Interval: rocks "
+            "resampled. Width: from the 10 % to the 90 % quantile. Energy: of translation.",
             rung_name(advice.recommended),
         ),
     )  # fmt: skip
@@ -420,7 +419,7 @@ def _ground_table(before: GroundTable, after: GroundTable) -> ReportTable:
         pairs = [(getattr(first, n), getattr(own, n)) for n in PARAMETERS]
         if any(a != b for a, b in pairs):
             cells = (f"{a:.3g} → {b:.3g}" if a != b else f"{a:.3g}" for a, b in pairs)
-            rows.append((own.name, *cells))
+            rows.append((ground_name(own.name), *cells))
     return table_of(
         "Calibrated ground classes",
         "class; η max; Δp/p least; Δp/p most; μ_f; μ_0; k; d* | m; e; v of e/2 | m/s; "

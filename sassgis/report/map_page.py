@@ -99,6 +99,7 @@ class MapPage:
     # By kind and name of the object, station or barrier.
     places: Mapping[tuple[str, str], PlaceFacts] = field(default_factory=dict)
     hazard: MapHazard | None = None
+    warnings: Sequence[str] = ()  # about what may make the maps wrong
 
 
 def write_map_page(file: Path, page: MapPage) -> None:
@@ -127,6 +128,7 @@ def write_map_page(file: Path, page: MapPage) -> None:
         title=page.title,
         language=current_language(),
         data=data,
+        warnings=[translated(text) for text in page.warnings],
         words={key: translated(word) for key, word in _WORDS.items()},
         # The library holds no text that ends its element.
         script=Markup(_library("leaflet.js").partition("//# sourceMappingURL")[0]),
@@ -145,23 +147,23 @@ def _library(name: str) -> str:
 _WORDS = {
     "years": "years",
     "once": "once in {} years",
-    "rarer": "rarer than once in {} years",
+    "rarer": "– (no block)",
     "none": "No simulated block comes here.",
     "level": "Hazard level of the cell",
     "no_level": "no level",
-    "why_none": "Blocks come here more rarely than the rules take into account.",
-    "certain": "Another sample of blocks changes the level with a chance of {}.",
-    "between": "Within the sampling error it is between {} and {}.",
+    "why_none": "Blocks come here too rarely to count for a level.",
+    "certain": "With another random seed, the level changes with a probability of {}.",
+    "between": "Range within the sampling error: {} to {}.",
     "frequency": "How often blocks come here",
     "energy": "energy",
     "any": "any block",
     "and_more": "and more",
     "with_period": "Energy with return period",
     "blocks": "Simulated blocks that come here",
-    "sources": "Where they come from",
+    "sources": "Where these blocks start",
     "others": "others",
     "of_width": "Reference width {} m.",
-    "thinned": "Of {} x {} cells the one that is reached most often.",
+    "thinned": "Values of the most often reached of {} x {} cells.",
     "chainage": "chainage",
     "ground": "ground at",
     "above": "block above the ground",
@@ -171,8 +173,8 @@ _WORDS = {
     "release": "Release area",
     "zone": "Zone",
     "zones": "Hazard zones",
-    "zones_note": "Zones as drawn; the other maps show the cells.",
-    "open": "Zone goes on",
+    "zones_note": "The zones as drawn. The other maps show cells.",
+    "open": "Zone continues beyond the terrain model",
     "edit": "Edited by hand",
     "object": "Object",
     "station": "Station",
@@ -184,7 +186,7 @@ _WORDS = {
 _LABELS = {
     "passages": "Simulated blocks",
     "reach_probability": "Reach probability",
-    "stops": "Stopping blocks",
+    "stops": "Deposited blocks",
     "energy": "Energy",
     "passing_height": "Passing height",
     "speed": "Speed",

@@ -19,7 +19,13 @@ from sassgis.report.page import ReportContext, ReportFigure, ReportTable, table_
 from sassgis.report.pictures import map_alt, path_alt, picture, station_alt
 from sassgis.report.run_summary import runout_words
 from sassgis.settings.ground import TRUST_TEXT
-from sassgis.settings.labels import LINE_END_TEXT, STOP_TEXT, file_stems, thousands
+from sassgis.settings.labels import (
+    LINE_END_TEXT,
+    STOP_TEXT,
+    file_stems,
+    ground_name,
+    thousands,
+)
 from sassgis.settings.languages import joined, named, phrase
 from sassgis.settings.map_run import MapRun
 from sassgis.settings.results import RasterLayer, StopReason
@@ -99,7 +105,7 @@ def stopping_reasons(counts: IntArray) -> ReportTable:
     """How many blocks stop for which reason; ``counts`` by StopReason."""
     total = max(int(counts.sum()), 1)
     return table_of(
-        "Stopping reasons",
+        "Reasons for stopping",
         "reason; blocks; share | %",
         ((STOP_TEXT[r], int(counts[r]), 100.0 * int(counts[r]) / total) for r in StopReason),
     )
@@ -117,7 +123,7 @@ _CONTROL_LINE_TABLES = (
     ),
     (
         "Walls and nets",
-        "barrier; kind; arriving blocks; hits; stopped; taken, then move on; over the top; "
+        "barrier; kind; arriving blocks; hits; stopped; caught, moving again; over the top; "
         "break through; energy, 95 % | kJ; energy, 99 % | kJ; height, 95 % | m; height, 99 % | m",
         "name kind rocks hits stopped held_by_net overtopped broke_through energy_kj_q95 "
         "energy_kj_q99 height_m_q95 height_m_q99",
@@ -163,13 +169,14 @@ def _ground_table(run: MapRun, reached: IntArray) -> ReportTable:
     return table_of(
         "Ground classes",
         "class; η max; Δp/p; μ_f; μ_0; k; d* | m; e; v of e/2 | m/s; rolling threshold; "
-        "μ_v; trust; share of the ground | %; source",
+        "μ_v; trust; share of the ground | %",
         (
-            (c.name, c.eta_max, _span(c.dp_min, c.dp_max), c.mu_f, c.mu_0, c.k, c.d_star_m,
-             c.restitution, c.restitution_speed_mps, c.rolling_threshold, c.mu_v,
-             TRUST_TEXT[c.trust], f"{100 * share:.0f}", c.source)
+            (ground_name(c.name), c.eta_max, _span(c.dp_min, c.dp_max), c.mu_f, c.mu_0, c.k,
+             c.d_star_m, c.restitution, c.restitution_speed_mps, c.rolling_threshold, c.mu_v,
+             TRUST_TEXT[c.trust], f"{100 * share:.0f}")
             for c, share in ground_shares(run, reached)
         ),
+        "sassgis validate lists the sources of these values.",
     )  # fmt: skip
 
 
@@ -200,11 +207,11 @@ def _pictures(
             caption = joined(" ", (caption, phrase(text, FEW_BLOCKS, f"{100 * few:.0f}")))
         pictures.append(picture(folder, f"map_{stem}", layer.title, caption, figure, alt))
     if furthest is not None:
-        title = "A path of blocks and the terrain under it"
-        caption = "Flattened into one vertical plane. Walls and nets at their true height."
+        title = "Paths of blocks above the terrain"
+        caption = "Unrolled into one vertical plane. Walls and nets have their true height."
         figure, alt = line_figure(furthest), path_alt(furthest)
         pictures.append(picture(folder, "profile_furthest", title, caption, figure, alt))
-    caption = "Chainage in plan along the path at which blocks stop, by stopping reason."
+    caption = "Distance in plan along the path at which blocks stop, by reason."
     text = "Histogram: median {} m, 95 % of the blocks within {} m, longest {} m."
     alt = runout_words(progress.started_runout, text)
     pictures.append(picture(folder, "runout", "Run-out", caption, runout_drawn(progress), alt))
@@ -216,12 +223,11 @@ def _blocks_words(run: MapRun, planned: Plan, progress: Progress) -> str:
     repetitions = planned.repetitions or (run.repetitions,)
     least, most = min(repetitions), max(repetitions)
     times = f"{most}" if least == most else phrase("{} to {}", least, most)
-    text = "{} repetitions of {} blocks at each release point"
+    text = "repetitions: {}; blocks per release point in each: {}"
     words = phrase(text, times, run.release.rocks_per_point)
     if progress.simulated < progress.reasons.sum():
         text = (
-            "{}; some points have fewer, down to an eighth, and each of their blocks counts "
-            "so many times more"
+            "{}; some points have down to an eighth of these blocks, which count up to eight times"
         )
         words = phrase(text, words)
     return phrase("{}: {}", thousands(progress.simulated), words)
@@ -276,7 +282,7 @@ def map_report(
             ("Terrain",
              phrase("{}, {} × {} cells of {} m", facts["terrain_file"], n_cols, n_rows, cell)),
             ("Coordinate system", str(facts["crs"])),
-            ("Heights", str(facts["vertical_datum"])),
+            ("Height system", str(facts["vertical_datum"])),
             ("Release areas", ", ".join(a.name for a in run.areas)),
             ("Release points", len(planned.points)),
             ("Simulated blocks", _blocks_words(run, planned, progress)),

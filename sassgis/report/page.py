@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import base64
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cache
 from os import PathLike
@@ -15,6 +15,7 @@ import numpy as np
 from jinja2 import Environment, PackageLoader, StrictUndefined, Template
 
 from sassgis.errors import OutputError
+from sassgis.hazard.warnings import describes_set_up
 from sassgis.settings.labels import power_of_ten
 from sassgis.settings.languages import current_language, translated, with_translated
 
@@ -87,8 +88,10 @@ class ReportContext:
     summary: tuple[tuple[str, Cell], ...] = ()  # the answer in a box at the top: a line each
     # Terrain, release areas, blocks, number of blocks, settings.
     what_was_run: tuple[tuple[str, Cell], ...] = ()
-    # What a reader must know before trusting the numbers; follows the box.
+    # What a reader must know before trusting the numbers; in a report that is written what may
+    # make it wrong, and all others among the notes below.
     warnings: tuple[str, ...] = ()
+    notes: tuple[str, ...] = ()
     verdict: str = ""  # the answer in a sentence, above all but the box and the warnings
     answer: tuple[ReportAnswer, ...] = ()  # what follows from it, in plain words
     key_results: ReportTable | None = None
@@ -171,13 +174,30 @@ def in_short(report: ReportContext, folder: Path) -> str:
     return template("notebook.html.j2").render(report=report, page=page)
 
 
+#: Warnings at the top of a page.
+_FIRST = 5
+
+
+def first_warnings(warnings: Sequence[str]) -> tuple[str, ...]:
+    """The few warnings, in English, about what may make a result wrong: for the top of a page."""
+    return tuple(text for text in warnings if not describes_set_up(text))[:_FIRST]
+
+
 def translated_report(context: ReportContext) -> ReportContext:
-    """The report in the language in which the program writes; its title is the user's."""
+    """The report in the language in which the program writes; its title is the user's.
+
+    Of its warnings the first few about what may make the result wrong stay at the top.
+    """
+    first = first_warnings(context.warnings)
+    notes = tuple(text for text in context.warnings if text not in first)
+    context = replace(context, warnings=first, notes=(*notes, *context.notes))
     if current_language() == "en":
         return context
     key_results = context.key_results and translated_table(context.key_results)
     return replace(
-        with_translated(context, "subtitle", "summary", "what_was_run", "warnings", "verdict"),
+        with_translated(
+            context, "subtitle", "summary", "what_was_run", "warnings", "notes", "verdict"
+        ),
         answer=tuple(with_translated(a, "heading", "sentences", "points") for a in context.answer),
         key_results=key_results,
         figures=tuple(with_translated(f, "title", "caption", "alt") for f in context.figures),
@@ -190,7 +210,7 @@ def translated_report(context: ReportContext) -> ReportContext:
 #: Columns of sources, and of names that the user gave.
 _AS_THEY_ARE = (
     "source", "station", "barrier", "object", "line", "release area", "block scenario", "scenario",
-    "class", "site",
+    "site",
 )  # fmt: skip
 
 

@@ -85,8 +85,7 @@ def path_alt(shown: LinePaths) -> str:
     low = float(np.interp(end, shown.s, shown.z))
     names = ", ".join(line.name for line, chainage in shown.control_lines if chainage <= end)
     section = phrase(
-        "Vertical section from {} m down to {} m over {} m in plan, with the path of {} of the "
-        "blocks.",
+        "Vertical section from {} m down to {} m over {} m in plan. Paths drawn: {}.",
         *(f"{x:.0f}" for x in (shown.z[0], low, end)),
         len(shown.paths),
     )

@@ -88,11 +88,9 @@ def _pictures(result: ProfileResult, folder: Path) -> list[ReportFigure]:
         )  # fmt: skip
         out.append(picture(folder, f"{quantity}_along", title, caption, figure))
     ended = np.concatenate([result.rocks, result.pieces])
-    caption = "Chainage at which blocks stop, by stopping reason."
+    caption = "Chainage at which blocks stop, by reason."
     if result.pieces.size:
-        caption = (
-            "Chainage at which blocks stop, by stopping reason, fragments and entrained blocks too."
-        )
+        caption = "Chainage at which blocks, fragments and entrained blocks stop, by reason."
     last = np.ceil(np.ptp(ended["runout_m"])) + 1.0
     edges = np.floor(ended["runout_m"].min()) + np.arange(last + 1.0)
     counts = {

@@ -99,11 +99,8 @@ def zone_lines(
     """
     areas = [phrase("{} {} m²", phrase(str(row[0])), sensible(row[2])) for row in levels.rows]
     hazard = found.hazard
-    text = (
-        "{} {} % of these changes lie on the hatched cells, in the zones and beside them, whose "
-        "area is {} % of the zoned one"
-    )
-    shares = (f"{100 * share:.3g}" for share in (confidence, hazard.uncertain_share))
+    text = "{} The hatched cells ({} % of the zoned area) hold {} % of these changes."
+    shares = (f"{100 * share:.3g}" for share in (hazard.uncertain_share, confidence))
     sample = phrase(text, sample_words(hazard.changed_share), *shares)
     lines: list[tuple[str, str]] = [
         ("Hazard zones", joined("; ", areas)), ("Sampling error", sample)

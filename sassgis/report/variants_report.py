@@ -12,6 +12,7 @@ from sassgis.report.map_report import release_outlines
 from sassgis.report.page import ReportContext, ReportTable, sensible, table_of
 from sassgis.report.pictures import map_pictures
 from sassgis.report.run_summary import Lines
+from sassgis.settings.labels import ground_name
 from sassgis.settings.languages import joined, phrase
 from sassgis.settings.map_run import MapRun
 from sassgis.settings.results import RasterLayer
@@ -64,7 +65,7 @@ def _rank(effect: RangeEffect) -> float:
 
 def _verdict(runout: Sequence[RangeEffect], maps: CellMaps, levels: bool) -> str:
     strong = [e.range.label for e in runout if e.beyond_chance]
-    sentences = [phrase("No range alone changes the run-out (95 %) beyond chance.")]
+    sentences = [phrase("No single range changes the run-out (95 %) beyond chance.")]
     if strong:
         sentences = [phrase("Run-out (95 %) answers most to {}.", strong[0])]
     if levels:
@@ -91,7 +92,7 @@ def _key_table(runout: Sequence[RangeEffect], energy: dict[object, RangeEffect])
         "chance; range read in its source",
         (
             (
-                e.range.class_name, e.range.parameter, e.range.value,
+                ground_name(e.range.class_name), e.range.parameter, e.range.value,
                 phrase("{} to {}", f"{e.range.low:.3g}", f"{e.range.high:.3g}"), e.low, e.high,
                 energy[e.range].low, energy[e.range].high, "yes" if e.beyond_chance else "no",
                 "yes" if e.range.verified else "no",
@@ -110,7 +111,8 @@ def _effect_table(effects: Sequence[RangeEffect]) -> ReportTable:
         "measure; unit; class; parameter; low end; high end; base; another seed; rank correlation",
         (
             (
-                e.measure, "" if e.unit == "1" else e.unit, e.range.class_name, e.range.parameter,
+                e.measure, "" if e.unit == "1" else e.unit,
+                ground_name(e.range.class_name), e.range.parameter,
                 e.low, e.high, e.base, e.chance, e.correlation,
             )
             for e in sorted(effects, key=lambda e: (order[e.measure], _rank(e)))
@@ -129,8 +131,8 @@ def spread_lines(spread: GroundSpread) -> Lines:
     """What the spread does to run-out and levels, and how well it is known."""
     median, far = spread.band(MEDIAN), spread.band(FAR)
     text = (
-        "with the spread of the ground classes between sites the 90 % run-out lies between {} "
-        "and {} m, the median between {} and {} m (80 % of {} draws; with their own values {} "
+        "with the spread of the ground classes between sites, the 90 % run-out lies between {} "
+        "and {} m and the median between {} and {} m (80 % of {} draws; with the class values {} "
         "and {} m)"
     )
     bounds = (f"{value:.0f}" for value in (far.low, far.high, median.low, median.high))
@@ -138,8 +140,8 @@ def spread_lines(spread: GroundSpread) -> Lines:
     parts = [phrase(text, *bounds, spread.draws, *own)]
     if (areas := spread.areas) is not None:
         text = (
-            "the level of {} m² ({} %) of the zoned area may be higher, of {} m² lower; {} m² "
-            "beyond it may have one"
+            "within the zoned area, the level may be higher on {} m² ({} %) and lower on {} m²; "
+            "outside it, {} m² may have a level"
         )
         share = f"{100.0 * areas.higher / areas.zoned if areas.zoned else 0.0:.0f}"
         higher, *rest = (sensible(round(v)) for v in (areas.higher, areas.lower, areas.beyond))
@@ -166,8 +168,8 @@ def spread_table(spread: GroundSpread) -> ReportTable:
         "measure; unit; values of the classes; 10 % of the draws below; median; 90 % below",
         ((b.measure, b.unit, b.base, b.low, b.middle, b.high) for b in spread.bands),
         phrase(
-            "{} simulations of the same blocks with values of the classes drawn from their spread "
-            "between sites (tables/ground_spread.csv). An energy where no block arrives is 0.",
+            "{} simulations of the same blocks with class values drawn from their spread between "
+            "sites (tables/ground_spread.csv). Energy is 0 where no block arrives.",
             spread.draws,
         ),
     )

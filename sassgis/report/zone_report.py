@@ -30,7 +30,7 @@ from sassgis.settings.languages import joined, phrase
 from sassgis.settings.map_run import MapRun
 from sassgis.settings.results import RasterLayer
 
-BARRIERS_TITLE = "What walls and nets change"
+BARRIERS_TITLE = "Effect of walls and nets"
 
 
 def telling_place(hazard: Hazard) -> int | None:
@@ -96,7 +96,7 @@ def zone_figures(
     )
     width = phrase("Reference width {} m.", f"{rules.ref_width_m:.4g}")
     text = (
-        "Preset {}: {}. Zones as drawn: never lower than the cells in them, except where edited by "
+        "Preset {}: {}. Zones are never lower than the cells in them, except where edited by "
         "hand. {}"
     )
     areas = [
@@ -122,9 +122,9 @@ def zone_figures(
         "confidence",
         "Where the level is statistically uncertain",
         phrase(
-            "Another sample of as many blocks would change the level of some cells. {} % of "
-            "these changes lie here. With more blocks there are fewer such cells; other onset "
-            "frequencies or ground parameters may change any cell.",
+            "With another random seed, some cells change level. The hatched cells hold {} % of "
+            "these changes. More blocks reduce their number. Other onset frequencies or ground "
+            "parameters may change any cell.",
             f"{100 * confidence:.3g}",
         ),
         map_alt(grid, unsure),
@@ -134,8 +134,8 @@ def zone_figures(
         add(
             "blocks",
             "Effect of more blocks",
-            "Share of the zoned area whose level another sample of as many blocks would change, "
-            "after each round of blocks. Red line: what was asked for (hazard.changed_share_max).",
+            "Share of the zoned area that changes level with another random seed, after each "
+            "round of blocks. Red line: limit hazard.changed_share_max.",
             joined(", ", (
                 phrase("{} blocks: {} %", thousands(n), f"{100 * share:.1f}")
                 for n, share in history
@@ -166,8 +166,8 @@ def zone_figures(
         "hazard_curve",
         "A hazard curve",
         phrase(
-            "At the cell that blocks of the most sources reach. The level is that of the "
-            "highest field that the curve crosses. {}", width,
+            "At the cell reached from the most release areas and scenarios. The curve crosses "
+            "fields of the matrix; the highest gives the level. {}", width,
         ),
         phrase("Falling curve. Blocks per year: {}.", joined(", ", rates)),
         figures.hazard_curve_figure(
@@ -196,7 +196,7 @@ def _risk_figures(risk: RiskTable, currency: str, folder: Path) -> list[ReportFi
         largest = [phrase("{} {} {}", names[i], sensible(values[i]), unit) for i in first]
         caption = (
             "Objects with the largest values, with the 95 % interval of the sampling error (upper "
-            "bound). Values and vulnerability are the user's."
+            "bound). The user stated values and vulnerability."
         )
         limits = risk.limits(quantity)
         figure = figures.risk_figure(names, values, limits, quantity=quantity, unit=unit)
@@ -234,14 +234,14 @@ def zone_tables(
             phrase(text, phrase(preset.title)),
         ),
         table_of(
-            "Sources",
+            "Release areas and block scenarios",
             "release area; block scenario; onset frequency | 1/year; blocks; "
             "annual frequency per simulated block | 1/year",
             (
                 (None if isinstance(v, float) and np.isnan(v) else v for v in row)
                 for row in sources.itertuples(index=False, name=None)
             ),
-            "Onset frequencies are the user's; the hazard is proportional to them.",
+            "The user stated the onset frequencies. The hazard is proportional to them.",
         ),
     ]  # fmt: skip
     if len(design):
@@ -265,7 +265,7 @@ def zone_tables(
                  f"{100 * a.changed:.0f} %" if a.then else None)
                 for a in found.hazard.edits
             ),
-            "Zones, map sheets and the federal model have these levels in place of the computed "
+            "Zones, map sheets and the federal model use these levels instead of the computed "
             "ones. Maps of cells, intensities, frequencies and risk are as computed.",
         )  # fmt: skip
         tables.append(edits)
@@ -298,8 +298,8 @@ def level_table(preset: HazardPreset, found: Assessment) -> ReportTable:
         "Hazard zones",
         columns,
         list(zip(*cells, strict=True))[::-1],
-        "Zones are never lower than the cells in them: gaps are closed and small zones enlarged or "
-        "raised, so that areas are a little larger than those of the cells.",
+        "Zones are never lower than the cells in them. Gaps are closed and small zones enlarged "
+        "or raised. Areas are therefore a little larger than those of the cells.",
     )
 
 
@@ -324,11 +324,11 @@ def _design_table(
         title,
         (*columns, *((phrase("exceeded once in {} years", t), unit) for t in years)),
         rows,
-        "Without walls and nets; release areas and block scenarios are weighted by their onset "
-        "frequencies. Limits are those of the sampling error. A dash: blocks arrive less often "
-        "than that. Heights are of the centre of the block above its resting height, which is half "
-        "the block: add the height of the whole block and the freeboard. How many simulated "
-        "blocks lie beyond each value is in tables/design.csv.",
+        "Without walls and nets. Onset frequencies weight release areas and block scenarios. The "
+        "limits cover the sampling error. A dash means that blocks arrive less often. Heights are "
+        "those of the centre of the block above its height at rest (half the block). Add the "
+        "height of the whole block and the freeboard. See tables/design.csv for the number of "
+        "simulated blocks beyond each value.",
     )
 
 
@@ -355,7 +355,7 @@ def _risk_table(risk: RiskTable, without: RiskTable | None, money: str) -> Repor
         "Risk of exposed objects",
         ((name, money if unit == "money" else unit) for name, unit in columns),
         rows,
-        "Values, presence, vulnerability and lethality are the user's. Each object is in "
-        "tables/risk_objects.csv, each source in tables/risk_sources.csv. Standard errors are "
-        "of the sampling of blocks only.",
+        "The user stated values, presence, vulnerability and lethality. See "
+        "tables/risk_objects.csv for each object and tables/risk_sources.csv for each release "
+        "area. Standard errors cover the sampling of blocks.",
     )

@@ -143,7 +143,7 @@ def calibrate(
                 tell("Predicting rocks left out")
                 calibration = result_of(task, found, lambda due: list(run(final_prediction, due)))
         except KeyboardInterrupt:
-            kept = "; what was computed is kept: the same command goes on from there"
+            kept = "; what was computed is kept: run the same command to resume"
             raise Interrupted(f"stopped by the user{'' if out is None else kept}") from None
         if out is not None:
             tell("Writing the results")

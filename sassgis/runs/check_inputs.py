@@ -302,10 +302,10 @@ def _checked(
         *idle_areas(a.name for a, n in zip(run.areas, starts, strict=True) if not n),
     ]
     said += [
-        f"the terrain model should go on for {own.distance_m:.0f} m or more "
-        f"beyond {own.x:.0f}, {own.y:.0f} ({own.where}): there the energy line of {ANGLE_DEG:g} "
-        f'degrees from release "{points.area_names[points.area[own.start]]}" is '
-        f"{own.height_m:.0f} m above the ground"
+        f"Extend the terrain model by at least {own.distance_m:.0f} m at {own.x:.0f}, "
+        f"{own.y:.0f} ({own.where}). The energy line of {ANGLE_DEG:g} degrees from release "
+        f'"{points.area_names[points.area[own.start]]}" is {own.height_m:.0f} m above the '
+        "ground there."
         for own in beyond_edge(run.grid, points.x, points.y)
     ]
     return areas, estimate, said

@@ -137,7 +137,7 @@ def _write_comparison(
     notes = []
     if (before.grid.shape, after.grid.shape) != whole:
         notes.append(
-            "The results cover different places: maps, zones and objects are compared on the "
+            "The results cover different areas. Maps, zones and objects are compared on the "
             "common part."
         )
         placed = objects_within(placed, after.grid)
@@ -164,7 +164,7 @@ def _write_comparison(
             maps,
             group="Change, after less before",
             title=translated(phrase("{}: before and after", after.title)),
-            abstract="What changes from one result to another.",
+            abstract="Changes between two results.",
             zones=changed,
         )
         tell("Drawing the figures")

@@ -199,7 +199,7 @@ def _nodata(dem: RawDem) -> _Found:
         found = f"{share}; {traces.words}, the first at {x:.10g}, {y:.10g}"
         return "bad", found, TRACES_ADVICE, {**numbers, "x": x, "y": y}
     if dem.gaps:
-        advice = "get the tiles that are missing there, unless nobody has them: blocks end there"
+        advice = "get the missing tiles; blocks end at these gaps"
         return "look", f"{share}; {dem.gaps}", advice, numbers
     if holes > 0:
         found = f"{share}, {holes} cells of it in holes"

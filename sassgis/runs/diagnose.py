@@ -99,8 +99,8 @@ _NOT_THE_LAW = (
     "values of the ground might"
 )
 _ATYPICAL = (
-    "The calibrated base is farther from these observations than at any synthetic site: the "
-    "probabilities of the causes may not hold here."
+    "The calibrated base model is farther from these observations than at any synthetic site. The "
+    "probabilities of the causes may be wrong here."
 )
 
 

@@ -22,7 +22,7 @@ def scenario_warnings(config: Config) -> tuple[str, ...]:
     """That of several block scenarios only one counts."""
     if len(config.blocks) == 1:
         return ()
-    text = "What is not measured of a rock is taken from the first block scenario ({}) alone."
+    text = "Values not measured of a rock are those of the first block scenario ({})."
     return (phrase(text, config.blocks[0].name),)
 
 
@@ -34,8 +34,8 @@ def group_warnings(case: Case) -> tuple[str, ...]:
     text = "The rocks are in {} groups." if groups > 1 else "The rocks are in 1 group."
     found = phrase(text, groups)
     told = phrase(
-        "With fewer than {} no cause can be distinguished from what the rocks of a group have in "
-        "common; intervals are far too narrow.",
+        "With fewer than {} groups, causes cannot be separated from what the rocks of a group "
+        "share. Intervals are far too narrow.",
         _FEWEST_GROUPS,
     )
     return (joined(" ", (found, told)),)
@@ -52,8 +52,8 @@ def stop_warnings(case: Case) -> tuple[str, ...]:
     if not lost.size:
         return ()
     text = (
-        "Of rocks that passed the last station {} have no stop: run-outs are those of the others, "
-        "and may be too short."
+        "Rocks that passed the last station and have no stop: {}. Observed run-outs may be too "
+        "short."
     )
     return (phrase(text, lost.size),)
 
@@ -70,8 +70,8 @@ def limit_warnings(case: Case, model: HypothesisModel) -> tuple[str, ...]:
     if not found:
         return ()
     text = (
-        "Values as far as any ground has shown: {}. The contact may follow a law that the model "
-        "does not have."
+        "Values at the limit of all known grounds: {}. The contact may follow a law that the "
+        "model lacks."
     )
     return (phrase(text, ", ".join(found)),)
 
@@ -88,8 +88,8 @@ def edge_warnings(before: float, after: float) -> tuple[str, ...]:
     if max(before, after) < _FEW_LEAVE:
         return ()
     text = (
-        "{} % of the rocks as configured, {} % in the calibrated model, reach the edge of the "
-        "terrain model or the end of their fall line: they count as stopped there, and may come "
+        "{} % of the rocks as configured and {} % in the calibrated model reach the edge of the "
+        "terrain model or the end of their fall line. They count as stopped there. They may come "
         "farther."
     )
     return (phrase(text, *(f"{100.0 * share:.0f}" for share in (before, after))),)

@@ -33,6 +33,7 @@ from sassgis.report.page import (
     ReportContext,
     ReportFigure,
     ReportTable,
+    first_warnings,
     translated_report,
     write_report,
 )
@@ -299,6 +300,7 @@ def _write_report(
         some_paths(run, planned),
         asked.places,
         asked.hazard,
+        first_warnings(warnings),
     )
     write_map_page(work / "map.html", page)
     return report

@@ -33,8 +33,8 @@ from sassgis.terrain.plan import Plan, plan
 SAVE_EVERY_S = 60.0
 
 _CHANGED = (
-    "{} has changed since it was read: the result is of the file as it was before, its digest in "
-    "manifest.json of the file as it is now."
+    "{} has changed since it was read. The result is from the former file. The digest in "
+    "manifest.json is that of the present file."
 )
 #: Times that files are read, if they change meanwhile.
 _READINGS = 3
@@ -166,7 +166,7 @@ def simulate_job(
     resumed = checkpoint.restore(run, tell)
     progress = resumed if resumed is not None else Progress.fresh(run)
     if resumed is not None:
-        tell(f"Going on after {resumed.chunks} chunks of an interrupted run")
+        tell(f"Resuming after {resumed.chunks} chunks of an interrupted run")
     while True:
         run = replace(run, rounds=progress.rounds)
         tell("Simulating")

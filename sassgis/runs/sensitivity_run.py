@@ -192,15 +192,15 @@ def _simulated(
 
 def _warnings(rules: Rules | None, ranges: Sequence[ParameterRange]) -> tuple[str, ...]:
     text = (
-        "The configuration states no onset frequency: reach and energy are compared, levels are "
+        "The configuration states no onset frequency. Reach and energy are compared, levels are "
         "not."
     )
     out = [text] if rules is None else list(rule_warnings(rules.preset, rules.frequencies))
     assumed = sum(not r.verified for r in ranges)
     if assumed:
         text = (
-            "{} of {} ranges are assumptions (tables/ranges.csv). A range in a table of your own "
-            "(--ranges) replaces it."
+            "{} of {} ranges are assumptions (tables/ranges.csv). Replace them with your table "
+            "(--ranges)."
         )
         out.append(phrase(text, assumed, len(ranges)))
     return tuple(out)

@@ -141,7 +141,7 @@ class VariantLab:
         except Interrupted:
             raise Interrupted(
                 f"stopped by the user after {len(self._seen)} simulations; they are kept in "
-                f"{self._folder}: the same command goes on from there"
+                f"{self._folder}: run the same command to resume"
             ) from None
         return finding_of(run, progress, self._rules, self._exposed)
 

@@ -174,7 +174,7 @@ def simulations(
     done = simulate_job(job, place, next_round=more, schedule=schedule, sums_only=sums_only)
     if not both:
         return done, None
-    place.tell("Once more without walls and nets")
+    place.tell("Simulating without walls and nets")
     same = without_barriers(replace(job, run=replace(job.run, rounds=done.run.rounds)))
     if along_slope:
         # Stations where the lines could stand up and down the slope, after the others.

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from sassgis.settings.languages import Phrase, in_english, named, phrase
 from sassgis.settings.profiles import LineEnd
 from sassgis.settings.results import StopReason
 
@@ -21,11 +22,22 @@ STOP_TEXT = {
     StopReason.REST: "rest",
     StopReason.BARRIER: "barrier",
     StopReason.LEFT_PROFILE: "left the profile",
-    StopReason.STEP_LIMIT: "step limit",
+    StopReason.STEP_LIMIT: "contact limit",
     StopReason.NEVER_STARTED: "never started",
     StopReason.BROKEN: "broke into fragments",
 }
 
+
+#: Built-in ground classes, by what stands for their name in other languages than English.
+_GROUND_NAMES = {
+    "rock": "rock (ground class)",
+    "debris": "debris (ground class)",
+    "talus": "talus (ground class)",
+    "soft_meadow": "soft_meadow (ground class)",
+    "forest_soil": "forest_soil (ground class)",
+    "asphalt": "asphalt (ground class)",
+    "overgrown_slope": "overgrown_slope (ground class)",
+}
 
 #: Bytes of a name within a file name, of which systems take 255.
 _LONGEST_STEM = 120
@@ -44,6 +56,13 @@ def short(value: float, sign: str = "") -> str:
     With "+" as ``sign`` one that is not below zero has it.
     """
     return f"{value:{sign}.0f}" if abs(value) >= 10.0 else f"{value:{sign}.2g}"
+
+
+def ground_name(name: str) -> Phrase:
+    """A ground class: built-in ones are explained in other languages, others stay as they are."""
+    if name not in _GROUND_NAMES:
+        return named(name)
+    return in_english(name, phrase(_GROUND_NAMES[name]))
 
 
 def some_of(names: Sequence[str], shown_as: Callable[[str], str] = repr) -> str:

@@ -182,7 +182,7 @@ class MapRun:
     @property
     def path_words(self) -> str:
         """In words: along what blocks are simulated."""
-        return "paths that are followed" if self.followed else "fall lines"
+        return "a path for each block" if self.followed else "fall lines"
 
     @property
     def lateral_spread(self) -> str:
@@ -194,7 +194,7 @@ class MapRun:
                 f"{self.engine.side_tilt_deg:g}",
                 f"{self.engine.drift_deg:g}",
             )
-        return "none: fall lines only; between lines that diverge the map has gaps"
+        return "none (fall lines only); the map has gaps between diverging lines"
 
     @property
     def window(self) -> Window | None:

@@ -515,7 +515,7 @@ class EngineSettings(Section):
     max_events: Annotated[
         int,
         Interval(ge=100, le=10_000_000),
-        "contacts after which a block is given up and reported",
+        "contacts after which a block is aborted and reported",
     ] = 20_000
     side_tilt_deg: Annotated[
         float,

@@ -253,7 +253,7 @@ STATISTICS = (
     ),
     Statistic(
         stem="stops",
-        title="Stopping blocks",
+        title="Deposited blocks",
         unit="blocks",
         label="Blocks that stop in the cell",
         bands=("stops",),

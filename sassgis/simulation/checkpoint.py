@@ -109,7 +109,7 @@ class Checkpoint:
         if self.folder is None:
             return ""
         kept = f"what was computed is kept in {self.folder}"
-        return f"; {kept}: the same command goes on from there"
+        return f"; {kept}: run the same command to resume"
 
     def rows(self) -> list[Path]:
         """Files of the rows that were handed on, in order."""

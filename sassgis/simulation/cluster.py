@@ -116,7 +116,7 @@ def _cluster_errors() -> Iterator[None]:
     except KilledWorker:
         raise OutputError(
             "the cluster lost one process after another at the same task; memory may have run "
-            "out; the same command goes on from what is saved"
+            "out; run the same command to resume from what is saved"
         ) from None
     # CancelledError of a future is none of Exception.
     except (Exception, CancelledError) as error:
@@ -124,7 +124,7 @@ def _cluster_errors() -> Iterator[None]:
             raise
         said = " ".join(str(error).split()) or type(error).__name__
         raise OutputError(
-            f"the cluster was lost ({said}); the same command goes on from what is saved"
+            f"the cluster was lost ({said}); run the same command to resume from what is saved"
         ) from None
 
 

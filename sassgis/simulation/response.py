@@ -155,6 +155,6 @@ class ToleranceCheck:
             return []
         text = (
             "Results depend on terrain.segment_tolerance_m ({} m): {} (a sample of {} blocks). "
-            "Choose it so that half of it changes little."
+            "Reduce it until half the value changes little."
         )
         return [phrase(text, f"{self.tolerance_m:g}", joined(", ", large), self.blocks)]

@@ -181,7 +181,7 @@ class Processes:
         name = getattr(task, "name", "")
         raise OutputError(
             f"{_LOST_MOST} processes ended, one after the other, at the same task"
-            f"{name and f', {name}'} ({why}); the same command goes on from what is saved"
+            f"{name and f', {name}'} ({why}); run the same command to resume from what is saved"
         )
 
     def _process(self) -> WorkerProcess:

@@ -100,7 +100,7 @@ class SettingChange(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class ResultChange:
-    """What changes from one result to another."""
+    """Changes between two results."""
 
     rows: tuple[ChangeRow, ...]
     differences: tuple[SettingChange, ...]  # of the two manifests
@@ -125,17 +125,15 @@ class ResultChange:
     def beyond_sampling(self) -> str:
         """Where more changes than chance does, in words."""
         if not self.certain_m2 > 0.0:
-            return phrase(
-                "Nowhere does the reach probability change by more than the sampling explains."
-            )
-        text = "More than the sampling of the blocks explains: on {} m²."
+            return phrase("No significant change in reach probability.")
+        text = "Significant changes: {} m²."
         return phrase(text, f"{self.certain_m2:,.0f}")
 
     @property
     def verdict(self) -> str:
         """What changes on the whole, in a few sentences."""
         if all(row.same for row in self.rows) and not self.higher_m2 and not self.lower_m2:
-            return "Nothing changes: the two results agree in every number that is compared."
+            return "Nothing changes. The two results agree in every number compared."
         return joined(" ", self._sentences())
 
     def lines(self) -> tuple[str, ...]:
@@ -209,7 +207,7 @@ def compared_maps(before: StoredResult, after: StoredResult) -> tuple[ComparedMa
 def levels_differ(before: StoredResult, after: StoredResult) -> str:
     """Why hazard levels cannot be compared; empty if they can."""
     if LEVEL.stem not in before.maps or LEVEL.stem not in after.maps:
-        return "Hazard levels are not compared: not both results have them."
+        return "Hazard levels are not compared, because one result has none."
     levels = [_levels(r) for r in (before, after)]
     same_preset = before.manifest["preset"] == after.manifest["preset"]
     if len(levels[0]) != len(levels[1]) or not all(
@@ -217,10 +215,12 @@ def levels_differ(before: StoredResult, after: StoredResult) -> str:
         one == other or code == other_code or (same_preset and (code == one or other_code == other))
         for (one, code), (other, other_code) in zip(*levels, strict=True)
     ):
-        return "Hazard levels are not compared: the two presets have different levels."
+        return "Hazard levels are not compared, because the two presets have different levels."
     widths = [r.manifest["ref_widths_m"]["hazard"] for r in (before, after)]
     if widths[0] != widths[1]:
-        text = "Hazard levels are not compared: their reference widths are {} m and {} m."
+        text = (
+            "Hazard levels are not compared, because their reference widths differ ({} m and {} m)."
+        )
         return phrase(text, *(f"{width:g}" for width in widths))
     return ""
 

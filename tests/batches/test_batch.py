@@ -233,7 +233,7 @@ def test_an_area_that_was_changed_is_refused_until_it_is_moved_away(
     own.rename(tmp_path / "mine")
     said.clear()
     batch(valley.releases, out, dem=valley.tiles, jobs=1, overwrite=True, say=said.append)
-    assert "2 of 4 areas are there already" in said
+    assert "2 of 4 areas are complete" in said
     assert {f.name: f.read_bytes() for f in own.glob("*.npz")} == {
         f.name: f.read_bytes() for f in (done.folder / "areas" / "mitte").glob("*.npz")
     }
@@ -325,7 +325,7 @@ def test_several_processes_find_what_is_there_already(
     shutil.copytree(done.folder, out)
     said: list[str] = []
     batch(valley.releases, out, dem=valley.tiles, jobs=2, say=said.append)
-    assert "3 of 4 areas are there already" in said
+    assert "3 of 4 areas are complete" in said
     (out / "areas" / "mitte" / "simulation.npz").write_bytes(b"")
     with pytest.raises(OutputError, match="mitte: exists and was made from other settings"):
         batch(valley.releases, out, dem=valley.tiles, jobs=2, say=said.append)
@@ -355,4 +355,4 @@ def test_a_shared_file_that_changes_meanwhile_is_told(valley: Valley, tmp_path: 
     assert any(w.startswith(meanwhile) for w in own(say=edit).warnings)
     assert not any(w.startswith(meanwhile) for w in own(say=said.append).warnings)
     # The second was made from what the file holds now.
-    assert "1 of 2 areas are there already" in said
+    assert "1 of 2 areas are complete" in said

@@ -217,7 +217,7 @@ def test_blocks_give_the_maps_of_the_whole_to_the_last_bit(
     again = batch(
         valley.releases, out, dem=valley.tiles, jobs=jobs, memory_gb=memory, say=said.append
     )
-    assert said[-1] == "The mosaic is there already" and again.found is None
+    assert said[-1] == "The mosaic is complete" and again.found is None
     assert again.warnings == result.warnings
     # With the memory for the whole it is made anew.
     kept = json.loads((out / "mosaic" / "batch.json").read_text())

@@ -123,13 +123,13 @@ def test_ctrl_c_keeps_the_state_and_the_next_run_goes_on_from_it(slope: Slope, c
     # On a terminal a bar with the time left.
     assert "\r" in text and re.search(r"\[#+-+\] +\d+ %, \d+ blocks, about [\d:]+ left", text)
     errors = [line for line in text.splitlines() if line.startswith("Error: ")]
-    assert len(errors) == 1 and "the same command goes on from there" in errors[0]
+    assert len(errors) == 1 and "run the same command to resume" in errors[0]
     assert "Traceback" not in text
     assert not (slope.folder / "result").exists()
     assert (slope.folder / "result.partial" / "checkpoint" / "state.npz").is_file()
 
     code, _, err = call("run", slope.config, "-o", slope.folder / "result")
-    assert code == 0 and re.search(r"Going on after \d+ chunks", err)
+    assert code == 0 and re.search(r"Resuming after \d+ chunks", err)
     # Not on a terminal: lines only. That it ends as a run in one go is shown in tests/runs/map.
     assert "\r" not in err
     assert not (slope.folder / "result.partial").exists()
@@ -163,7 +163,7 @@ def test_a_full_disk_keeps_the_state_and_the_next_run_does_not_simulate_again(
         chunks = int(state["chunks"])
 
     code, _, err = call("run", slope.config, "-o", out)
-    assert code == 0 and f"Going on after {chunks} chunks" in err
+    assert code == 0 and f"Resuming after {chunks} chunks" in err
     assert digests(out) == digests(slope.folder / "whole")
 
 

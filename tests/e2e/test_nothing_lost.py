@@ -210,7 +210,7 @@ def test_workers_that_are_killed_as_they_start_change_nothing(
     with monkeypatch.context() as patched:
         killed = kill_as_they_start(patched, 1000)
         code, _, err = call("zone", config, "-o", out, "--workers", "2")
-        assert code == 3 and "the same command goes on from what is saved" in error_of(err)
+        assert code == 3 and "run the same command to resume from what is saved" in error_of(err)
         assert 3 <= len(killed) <= 6
     killed = kill_as_they_start(monkeypatch, 2)
     printed("zone", config, "-o", out, "--workers", "2")

@@ -162,7 +162,7 @@ def test_what_a_user_must_know_is_said(case: Case) -> None:
         ("lines_nodata", "run into nodata"),
         ("lines_left_dem", "reach the edge of the terrain model"),
         ("rocks_never_started", "never started"),
-        ("rocks_left_profile", "lost from the map"),
+        ("rocks_left_profile", "missing from the map"),
     ):
         # Of followed paths the fall lines are drawn and no more.
         tells = counts[key] > 0 and not (key.startswith("lines") and case.result.run.followed)

@@ -167,10 +167,10 @@ def test_what_is_seen_and_closes_nothing_is_said_so(made: Made) -> None:
     assert "is best explained by trees" in verdict_sentence(diagnosis)
     nothing = replace(diagnosis.shrinkage, value=-0.1)
     said = verdict_sentence(replace(diagnosis, shrinkage=nothing))
-    assert "show trees that take energy from passing rocks, but adding it closes none" in said
+    assert "passing rocks. Adding it does not close the gap on rocks left out." in said
     unsure = replace(diagnosis.shrinkage, value=0.1, ci95=(-0.1, 0.3))
     said = verdict_sentence(replace(diagnosis, shrinkage=unsure))
-    assert "but on rocks left out adding it closes nothing of the gap for certain" in said
+    assert "It is not certain that adding it closes the gap" in said
     # What another cause closes, as a bound, says nothing of what is named.
     other = replace(nothing, effect="air_drag")
     said = verdict_sentence(replace(diagnosis, shrinkage=other))
@@ -526,7 +526,7 @@ def test_comments_say_where_the_model_comes_from(made: Made, tmp_path: Path) -> 
 
 def test_what_is_named_and_not_recommended_is_said_apart(made: Made, tmp_path: Path) -> None:
     named = with_trees(made[1])
-    why = "on rocks left out nothing is closed for certain by trees beyond calibrated ground"
+    why = "no gain on rocks left out is certain by trees beyond calibrated ground"
     apart = replace(
         named, effect=named.base, advice=replace(named.advice, recommended="ground", why=why)
     )
@@ -537,7 +537,7 @@ def test_what_is_named_and_not_recommended_is_said_apart(made: Made, tmp_path: P
     )
     assert "effects" not in tomllib.loads(text) and why[1:] in text
     words = words_of(out / "report.html")
-    assert "Confidence 71 %" in words and "what is handed over has calibrated ground" in words
+    assert "Confidence 71 %" in words and "The calibrated model contains calibrated ground" in words
 
 
 # --- words -----------------------------------------------------------------------------------
@@ -595,16 +595,16 @@ def test_the_answer_comes_first_with_its_uncertainty(made: Made, written: Path) 
     places = [
         words.index(text)
         for text in (
-            "As configured, the model is 21 m long.",
+            "As configured: simulated blocks stop 21 m too far.",
             "The gap is best explained by trees that take energy from passing rocks.",
             "Confidence 71 %.",
             "These data do not separate it from: soft ground.",
             "Speeds of rocks of different mass in the stand.",
             "3 of 11 comparisons are significant after adjustment for their number",
             "Speed at S2",
-            "74 % of the gap that is not chance closes (95 % interval 60 % to 85 %)",
+            "closes 74 % of the gap beyond chance (95 % interval 60 % to 85 %)",
             "No turns in plan",
-            "Figure 1.",
+            "Figure 2.",
             "Table 1.",
         )
     ]
@@ -669,7 +669,7 @@ def test_a_scale_of_speeds_that_is_named_is_told(few_case: Case) -> None:
     )  # fmt: skip
     verdict = replace(made.verdict, effect="measurement_error")
     said = verdict_sentence(replace(made, verdict=verdict, which=(own,)))
-    assert "The observations that are compared with the model have it." in said
+    assert "It is in the observations, not in the model." in said
     assert "Observed speeds are 1.13 times those that fit (95 %: 1.01" in said
     unsure = replace(own, intervals={"scale": (0.97, 1.21)})
     assert "times those" not in verdict_sentence(replace(made, verdict=verdict, which=(unsure,)))
@@ -679,10 +679,10 @@ def test_what_is_possible_beside_an_unknown_cause_is_told(few_case: Case) -> Non
     made = unnamed(few_case, "unknown")
     for held, hidden, words in (
         (("unknown", "trees"), (), "Still possible: trees."),
-        (("unknown",), ("air_drag",), "None of the causes that these data could show is probable."),
+        (("unknown",), ("air_drag",), "These data show no probable cause."),
     ):
         verdict = replace(made.verdict, confusion_set=held, cannot_exclude=hidden)
-        said = part(replace(made, verdict=verdict), "What it may be mistaken for").sentences
+        said = part(replace(made, verdict=verdict), "Possible confusion").sentences
         assert said[0] == words and "remains possible" not in " ".join(said)
 
 
@@ -697,7 +697,7 @@ def test_withheld_shrinkage_is_told(case: Case) -> None:
 
 def test_no_place_is_named_where_none_is_sure(few_case: Case) -> None:
     where = part(unnamed(few_case, "none"), "Where the gap lies")
-    assert "cannot be placed" in where.sentences[0] and not where.points
+    assert "cannot be located" in where.sentences[0] and not where.points
 
 
 def test_tables_tell_what_changed_and_warnings_are_repeated(written: Path) -> None:

@@ -21,12 +21,12 @@ def test_classes_are_named_by_how_far_they_may_be_trusted() -> None:
     paper = replace(own, name="three", trust="paper")
     used = [(replace(own, name="one"), 0.25), (paper, 0.5), (replace(own, name="two"), 0.25)]
     (text,) = ground_warnings(used)
-    assert text.endswith("estimates, with their share of the ground: one 25 %, two 25 %.")
+    assert text.endswith("Estimated ground classes (share of the ground): one 25 %, two 25 %.")
     (text,) = ground_warnings([(replace(own, trust="fitted"), 1.0)])
     assert "fitted to field sites" in text
     assert not ground_warnings([(paper, 1.0)])
     (text,) = ground_warnings([(replace(paper, d_star_m=0.3), 1.0)])
-    assert "to be measured on the site: three 0.3 m" in text
+    assert "three 0.3 m. Measure it" in text
 
 
 def test_lines_without_a_width_are_told() -> None:
@@ -36,7 +36,7 @@ def test_lines_without_a_width_are_told() -> None:
 
 def test_sources_that_never_release_are_named() -> None:
     texts = rule_warnings(swiss(), {("A", "small"): 0.0, ("A", "big"): 0.1, ("B", "big"): 0.0})
-    assert texts[-1] == "Onset frequency 0, so without any hazard: A / small, B / big."
+    assert texts[-1] == "Onset frequency 0, no hazard: A / small, B / big."
     assert not [t for t in rule_warnings(swiss(), {("A", "big"): 0.1}) if "Onset" in t]
 
 
@@ -44,4 +44,4 @@ def test_what_stays_uncertain_is_told_beyond_the_limit_only() -> None:
     assert not zone_warnings(0.3, None)
     assert not zone_warnings(0.05, BlockBudget(0.05))
     (text,) = zone_warnings(0.123, BlockBudget(0.05))
-    assert "level on 12.3 % of the zoned area" in text and "Wanted: 5 %" in text
+    assert "12.3 % of the zoned area changes level" in text and "is 5 %" in text

@@ -271,7 +271,7 @@ def with_trees(case: Case) -> Diagnosis:
             (("debris.eta_max", "debris.mu_f", 0.8),),
             (LONG,), (replace(LONG, gap=1.0, ci95=(-3.0, 5.0), side=""),), "trees",
         ),
-        first_sentence="As configured, the model is 21 m long.",
+        first_sentence="As configured: simulated blocks stop 21 m too far.",
     )  # fmt: skip
 
 

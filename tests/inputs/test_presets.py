@@ -82,7 +82,7 @@ def test_unverified_values_are_told_once_per_source() -> None:
     assert unverified_in_short(read_preset("ti")) == [
         "Preset ti, unverified: intensity bassa, intensity media, intensity alta, no level beyond "
         "10000 years, zones of at least 2 mm and 40 mm² on the sheet, the whole matrix. "
-        "The report says why."
+        "See the report."
     ]
 
 

@@ -78,7 +78,7 @@ def test_notes_tell_the_preset_and_what_is_unverified(
     assert "made up for the tests." in layers[stem].note
     if stem == "confidence":
         assert "95 % intervals" in layers[stem].note
-        assert "not errors of the model" in layers[stem].note
+        assert "not cover errors of the model" in layers[stem].note
 
 
 def test_level_and_intensity(layers: dict[str, RasterLayer]) -> None:

@@ -403,7 +403,7 @@ def test_a_run_arrives_in_order_and_styled(seen: dict[str, Any], slope: Slope) -
     layers = leaves(call["tree"])
     assert all(layer["valid"] for layer in layers)
     renderers = {layer["name"]: layer["renderer"] for layer in layers}
-    assert renderers["Walls and nets"] == renderers["Stopping points"] == "categorizedSymbol"
+    assert renderers["Walls and nets"] == renderers["Deposits"] == "categorizedSymbol"
     maps = leaves(groups["Maps"]["within"])
     assert {layer["renderer"] for layer in maps} == {"singlebandpseudocolor"}
     assert [layer["visible"] for layer in maps].count(True) == 1
@@ -444,8 +444,8 @@ def test_zones_from_layers_come_from_a_configuration_that_is_kept(
     # Equal layers are equal inputs: the second call had nothing to do anew.
     assert seen["calls"]["again"]["error"] is None
     share = float(call["results"]["CHANGED_SHARE"])
-    told = [t for t in (*call["info"], *call["warnings"]) if "Another sample of as many" in t]
-    assert f"on {100 * share:.1f} % of the zoned area" in told[-1]
+    told = [t for t in (*call["info"], *call["warnings"]) if "With another random seed" in t]
+    assert f"{100 * share:.1f} % of the zoned area changes level" in told[-1]
     other = seen["calls"]["other choices"]["error"]
     assert "sassgis.toml: differs from what would be written" in other
     assert load_config(config).release.spacing_m == 6.0
@@ -539,7 +539,7 @@ def test_cancelling_keeps_the_state_and_the_same_call_goes_on(
     assert "Stopped: the same call goes on" in first["error"] and first["tree"] == []
     assert 0 < first["progress"][-1] < 100
     assert second["error"] is None and (out / "report.html").is_file()
-    assert any("Going on after" in line for line in second["info"])
+    assert any("Resuming after" in line for line in second["info"])
 
 
 @pytest.mark.qgis

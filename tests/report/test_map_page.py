@@ -313,7 +313,7 @@ def test_sheets_of_protection_say_what_the_tables_say(zoned: Zoned) -> None:
     assert f"Onset frequencies {rates} blocks a year in each release area Ground classes" in words
     with in_language("de"):
         german = translated(onset_words(zoned[0].rules))
-    assert german == f"{rates} Blöcke pro Jahr in jedem Ausbruchgebiet"
+    assert german == f"{rates} Blöcke pro Jahr in jedem Herkunftsgebiet"
     for own, high in zip(needs["net_class"], needs["net_class_high"].fillna("–"), strict=True):
         assert pd.isna(own) or f" {own if own == high else f'{own} to {high}'} " in words
     assert page.count("<img ") == 2 and not re.search(r"https?:|<script", page)

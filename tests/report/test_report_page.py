@@ -22,6 +22,7 @@ from sassgis.report.page import (
     number_columns,
     render_report,
     sensible,
+    translated_report,
     write_report,
 )
 from sassgis.report.run_summary import object_lines
@@ -82,20 +83,29 @@ FULL = ReportContext(
 )
 
 
+def test_warnings_stand_first_by_weight_and_the_others_are_notes() -> None:
+    set_up = "Preset ch-so, unverified: level low. Our choice."
+    wrong = tuple(f"{n} blocks were aborted" for n in range(7))
+    report = translated_report(replace(FULL, warnings=(set_up, *wrong)))
+    assert report.warnings == wrong[:5] and report.notes == (set_up, *wrong[5:])
+    text = Page(render_report(report)).text
+    assert text.index(wrong[4]) < text.index("Notes on the set-up") < text.index(set_up)
+
+
 def test_full_report_says_everything_the_answer_first_and_then_the_warnings() -> None:
     text = Page(render_report(FULL)).text
     order = [
         "Bedrina 1 100 000 rocks",
         "A. Author · 2026-01-31",
+        "Figure 1. Run-out.",
+        "Where rocks end.",
         "In short",
         "Energy at objects 12 kJ",
         "Read this first",
         "12 rocks left the profile",
-        "Contents Main results What was computed Figures Run-out Tables Stations",
+        "Contents Main results What was computed Tables Stations",
         "Over the rocks that pass.",
         "What was computed",
-        "Figure 1. Run-out.",
-        "Where rocks end.",
         "Table 1. Stations",
         "How to repeat this run",
     ]
@@ -131,7 +141,7 @@ def test_everything_from_outside_is_escaped() -> None:
     parsed = Page(render_report(context))
     assert "script" not in parsed.tags
     assert not [name for name, _ in parsed.attributes if name.startswith("on")]
-    assert parsed.text.count(evil) == 25
+    assert parsed.text.count(evil) == 24
     assert parsed.open == []
 
 

@@ -14,7 +14,7 @@ from sassgis.settings.ground import GroundTable
 def test_rocks_that_leave_the_terrain_are_told() -> None:
     assert edge_warnings(0.0, 0.009) == ()
     (said,) = edge_warnings(0.94, 0.0)
-    assert said.startswith("94 % of the rocks as configured, 0 % in the calibrated model, reach")
+    assert said.startswith("94 % of the rocks as configured and 0 % in the calibrated model reach")
 
 
 def test_rocks_that_passed_the_last_station_and_have_no_stop_are_told() -> None:
@@ -25,7 +25,7 @@ def test_rocks_that_passed_the_last_station_and_have_no_stop_are_told() -> None:
     stops = case.observations.deposits
     lost = with_observed(case, deposits=stops.take(~np.isin(stops.rock_id, passed)))
     (said,) = stop_warnings(lost)
-    assert said.startswith("Of rocks that passed the last station 2 have no stop")
+    assert said.startswith("Rocks that passed the last station and have no stop: 2.")
     # Nothing is said where no stops were observed at all.
     assert stop_warnings(observed(20, 3, tables=("passages",))) == ()
 
@@ -36,7 +36,7 @@ def test_values_at_their_limit_are_told() -> None:
     assert limit_warnings(case, replace(BASE, table=GroundTable(usual))) == ()
     slippery = tuple(replace(c, mu_f=0.06) if c.name == "debris" else c for c in usual)
     (said,) = limit_warnings(case, replace(BASE, table=GroundTable(slippery)))
-    assert said.startswith("Values as far as any ground has shown: debris mu_f 0.06.")
+    assert said.startswith("Values at the limit of all known grounds: debris mu_f 0.06.")
     losing = tuple(replace(c, mu_v=0.05) if c.name == "debris" else c for c in usual)
     (said,) = limit_warnings(case, replace(BASE, table=GroundTable(losing)))
-    assert said.startswith("Values as far as any ground has shown: debris mu_v 0.05.")
+    assert said.startswith("Values at the limit of all known grounds: debris mu_v 0.05.")

@@ -49,7 +49,7 @@ def test_what_is_uneven_or_narrow_is_said_before_and_after(tmp_path: Path) -> No
     job = read_job(config, None, lambda _: None)
     done = simulate_job(job, Workplace(tmp_path / "work", 1, None, lambda _: None))
     for warnings in (check_inputs(config).warnings, done.warnings):
-        (uneven,) = (text for text in warnings if "their size asks for" in text)
+        (uneven,) = (text for text in warnings if "for their size" in text)
         # Six squares of 0.64 m2 and six lines of 0.4 m, each with a point; 36 m2 and 6 m have one.
         assert "steps (6, 0.11), pieces (6, 0.4)." in uneven and "even (" not in uneven
         (narrow,) = (text for text in warnings if "so narrow" in text)

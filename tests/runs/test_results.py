@@ -66,9 +66,9 @@ def test_reach_times_rocks_is_passages(small) -> None:
 
 
 def test_maps_and_report_say_that_quantiles_of_few_blocks_are_low(small) -> None:
-    low = "fewer than 20 blocks arrive the 95 % quantile is mostly too low, of 2 to 4 energies"
+    low = "fewer than 20 blocks arrive, the 95 % quantile is mostly too low (with 2 to 4 blocks"
     words = dict.fromkeys(("energy", "passing_height", "speed"), low)
-    words["arrival_time"] = "fewer than 20 blocks arrive the 5 % quantile is mostly too late"
+    words["arrival_time"] = "fewer than 20 blocks arrive, the 5 % quantile is mostly too late"
     for stem, text in words.items():
         with rasterio.open(small.folder / "maps" / f"{stem}.tif") as data:
             assert text in data.tags()["NOTE"]

@@ -57,7 +57,7 @@ def stopped(small, tmp_path_factory: pytest.TempPathFactory) -> Path:
     out = tmp_path_factory.mktemp("stopped") / "out"
     with (
         pytest.MonkeyPatch.context() as patch,
-        pytest.raises(Interrupted, match="the same command goes on from there") as caught,
+        pytest.raises(Interrupted, match="run the same command to resume") as caught,
     ):
         patch.setattr(job_module, "simulate_map", in_small_chunks)
         run(load_config(small.config, TABLES), out, jobs=1, on_progress=stop)

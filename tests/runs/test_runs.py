@@ -71,7 +71,7 @@ def test_blocks_are_added_until_little_would_change(tmp_path: Path) -> None:
     assert found.found.hazard.changed_share <= 0.2
     # What was said after each round is what made it go on.
     history = found.done.progress.history
-    told = [s for s in said if "another sample" in s]
+    told = [s for s in said if "another random seed" in s]
     assert len(told) == len(history) == len(found.done.run.rounds) > 3
     for text, (blocks, share) in zip(told, history, strict=True):
         assert text.startswith(f"{blocks} blocks") and f"{100 * share:.1f} %" in text
@@ -92,13 +92,14 @@ def test_a_budget_that_is_spent_is_told(tmp_path: Path) -> None:
     assert result.run.n_blocks <= 1000 and result.run.run.repetitions > 3
     share = result.found.hazard.changed_share
     assert share > 0.01
-    told = [w for w in result.run.warnings if "Another sample of as many blocks" in w]
+    told = [w for w in result.run.warnings if "With another random seed" in w]
     assert len(told) == 1
     assert f"{100 * share:.1f} % of the zoned area" in told[0]
-    assert "Wanted: 1 %" in told[0] and "blocks_max" in told[0]
+    assert "is 1 %" in told[0] and "blocks_max" in told[0]
     report = (tmp_path / "out" / "report.html").read_text(encoding="utf-8")
     assert told[0] in report
-    assert f"{result.run.n_blocks}: {result.run.run.repetitions} repetitions of 8 blocks" in report
+    repeated = f"repetitions: {result.run.run.repetitions}; blocks per release point in each: 8"
+    assert f"{result.run.n_blocks}: {repeated}" in report
 
 
 def test_a_time_that_is_spent_ends_it(tmp_path: Path) -> None:

@@ -85,14 +85,11 @@ def _missing_of_releases(observations: Observations, found: Identifiable) -> Ite
     rocks = observations.rocks
     yield _sample_size(found.rocks)
     if not len(rocks):
-        yield (
-            "No table of rocks: which block is a piece and which belongs to no release is not "
-            "known, so entrainment cannot be distinguished from fragmentation."
-        )
+        yield ("No table of rocks: entrainment cannot be separated from fragmentation.")
     if not {"x", "y"} <= rocks.present:
         yield (
-            "No release points: rocks have no fall line of their own, and an error of the release "
-            "cannot be distinguished from one of the motion."
+            "No release points: rocks have no individual fall line. An error of the release "
+            "cannot be separated from one of the motion."
         )
     if not found.has("release_speed_mps"):
         yield "No release speeds: a wrong initial speed can only be inferred from further down."
@@ -101,23 +98,23 @@ def _missing_of_releases(observations: Observations, found: Identifiable) -> Ite
 def _missing_at_stations(observations: Observations, found: Identifiable) -> Iterable[str]:
     if not len(observations.stations) or not found.has("speed_mps", "passages"):
         yield (
-            "No speeds at stations: the slope cannot be cut into reaches, and where between the "
-            "release and the stop a gap begins is not known."
+            "No speeds at stations: the slope cannot be divided into reaches. The start of a gap "
+            "between release and stop is unknown."
         )
     elif len(observations.stations) == 1:
-        yield "One station: a gap lies above or below it, no closer than that."
+        yield "One station: a gap can only be located above or below it."
     if found.has("speed_mps", "passages") and not found.has("rotation_hz", "passages"):
         yield "No rotation at stations: spin and the energy in it are not compared."
     if found.has("speed_mps", "passages") and not found.has("height_m"):
-        yield "No heights at stations: flying and rolling passages are not kept apart."
+        yield "No heights at stations: flying and rolling passages cannot be separated."
 
 
 def _missing_on_the_path(found: Identifiable) -> Iterable[str]:
     if not found.has("energy_kept"):
         yield (
-            "No velocities before and after impacts: whether energy is lost in impacts, in flight "
-            "or in rolling is not seen directly, and soft ground, roughness and trees are kept "
-            "apart by their trends down the slope alone."
+            "No velocities before and after impacts: energy lost in impacts, in flight and in "
+            "rolling cannot be separated directly. Only trends down the slope separate soft "
+            "ground, roughness and trees."
         )
     elif not found.has("spin_out_radps"):
         yield "No spin before and after impacts: slip at the contact is not seen."
@@ -126,7 +123,7 @@ def _missing_on_the_path(found: Identifiable) -> Iterable[str]:
     elif not (found.has("block_mass_kg") or found.has("block_volume_m3")):
         yield "No sizes of deposited blocks: whether pieces sum up to their rock is not known."
     if not (found.has("lateral_m") or found.has("turn_deg") or found.has("path_m")):
-        yield "No positions beside the fall line: lateral deflection is not seen."
+        yield "No lateral positions: lateral deflection is not visible."
     if not found.has("flight_fit"):
         yield (
             "No trajectories in time: air drag and a wrong time base or scale of the measurement "
@@ -165,8 +162,8 @@ def _missing_of_rocks(observations: Observations) -> Iterable[str]:
         if len(missing) < len(_ERRORS):
             whose = phrase(" of {}", all_of(missing))
         yield phrase(
-            "Errors of measurement{} are not stated: noise of the measurement and scatter of the "
-            "rocks are kept apart by assumption only.",
+            "Errors of measurement{} are not stated. An assumption separates the noise of the "
+            "measurement from the scatter of the rocks.",
             whose,
         )
 
@@ -194,9 +191,8 @@ def _sample_size(rocks: int) -> str:
     if rocks == 1:
         return "One rock: its scatter is unknown, and no gap can be distinguished from chance."
     return phrase(
-        "{} rocks: a gap of the mean below {} standard deviations, or of a share of half of the "
-        "rocks below {} percentage points, is likely to go unseen (power 80 %, level 5 %, one "
-        "comparison).",
+        "{} rocks cannot show gaps of the mean below {} standard deviations, or of a share of "
+        "half of the rocks below {} percentage points (power 80 %, level 5 %, one comparison).",
         rocks,
         f"{_DETECTABLE / math.sqrt(rocks):.2f}",
         f"{100.0 * min(1.0, _DETECTABLE * 0.5 / math.sqrt(rocks)):.0f}",
@@ -234,12 +230,12 @@ class Separation:
         pair = effect_name(self.one), effect_name(self.other)
         if not self.what:
             return phrase(
-                "Neither speeds, rotations, heights and impacts nor stops would tell {} from {} "
-                "(simulated).",
+                "No measurement of speeds, rotations, heights, impacts or stops would separate {} "
+                "from {} (simulated).",
                 *pair,
             )
         return phrase(
-            "To tell {} from {}: {}, of about {} rocks (simulated).",
+            "To separate {} from {}, measure {} of about {} rocks (simulated).",
             *pair, phrase(self.what), self.rocks,
         )  # fmt: skip
 
@@ -283,9 +279,9 @@ def tables_to_add(case: Case, causes: Sequence[str]) -> tuple[str, ...]:
                 shown.setdefault(lacks, []).append(cause.words[0])
     return tuple(
         phrase(
-            "Not recorded yet, with fingerprints of {}: {}.",
-            joined(", ", map(phrase, names)),
+            "Recording {} would separate these causes: {}.",
             all_of(lacks),
+            joined(", ", map(phrase, names)),
         )
         for lacks, names in shown.items()
     )
@@ -344,7 +340,10 @@ def _quantities(sample: Campaign, places: Sequence[str]) -> Iterator[tuple[str, 
     if lying is not None:
         whole = np.where(lying.kind == WHOLE, lying.rock, -1)
         yield "where rocks stop along the fall line", per_rock(lying.s, whole, n)
-        yield "where rocks stop beside the fall line", per_rock(np.abs(lying.lateral_m), whole, n)
+        yield (
+            "lateral distance of stops from the fall line",
+            per_rock(np.abs(lying.lateral_m), whole, n),
+        )
         # A rock without blocks of its own has none besides itself.
         more = np.bincount(lying.rock[(lying.rock >= 0) & (lying.kind != WHOLE)], minlength=n)
         yield "the number of pieces of each rock", more.astype(np.float64)

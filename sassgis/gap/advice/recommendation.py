@@ -210,27 +210,27 @@ def first_sentence(advice: Advice, ladder: Sequence[Rung], effect: str = "") -> 
     """
     gap = advice.configured
     if gap is None:
-        return "Neither stops nor speeds were observed: how far the model is off cannot be stated."
-    text = "As configured, {}"
+        return "No stops and no speeds were observed. The error of the model is unknown."
+    text = "As configured: {}"
     if "release_error" in effect.split("+"):
-        text = "As configured, and from the stated starts, {}"
+        text = "As configured, from the stated starts: {}"
     said = [phrase(text, _off_by(gap, advice))]
     told = [gap]
     far = _far_safe(advice.compared)
     if far is not None and gap.side == "unsafe":
-        said.append(phrase("At the same time, {}", _off_by(far, advice)))
+        said.append(phrase("Also: {}", _off_by(far, advice)))
         told.append(far)
     if advice.wrong_ground:
         names = all_of(map(named, advice.wrong_ground))
-        one = phrase("No values in the usual range of the ground class {} fit.", names)
-        more = phrase("No values in the usual ranges of the ground classes {} fit.", names)
+        one = phrase("No usual values of the ground class {} fit.", names)
+        more = phrase("No usual values of the ground classes {} fit.", names)
         said.append(one if len(advice.wrong_ground) == 1 else more)
     said += _to_run(advice, ladder)
     if advice.short is None:
         unsafe = worst_of([own for own in advice.left if own.counts and own.side == "unsafe"])
         both = (unsafe, _far_safe(advice.left))
         left = [_off_by(own, advice) for own in both if own is not None and own not in told]
-        texts = ("Even so, {}", "At the same time, {}")
+        texts = ("After calibration: {}", "Also: {}")
         said += [phrase(text, own) for text, own in zip(texts, left, strict=False)]
     return joined(" ", said)
 
@@ -254,47 +254,44 @@ def _to_run(advice: Advice, ladder: Sequence[Rung]) -> list[Phrase]:
     why = [phrase("{}.", capital(advice.why))] if advice.why else []
     if advice.recommended == "configured":
         if advice.short is not None:
-            return [phrase("None of the models that were tried is recommended."), *why]
+            return [phrase("No tried model is recommended."), *why]
         return [phrase("Keep the configured ground."), *why]
     name, closed = file_has(advice.recommended), _shares(ladder)
     share = closed.get(advice.recommended)
     if advice.short is not None:
         said = phrase(
-            "None of the models that were tried is recommended: with the nearest, {} "
-            "(model/config.toml), {}",
+            "No tried model is recommended. With the nearest, {} (model/config.toml): {}",
             name,
             _off_by(advice.short, advice),
         )
         on_rocks = phrase(
-            "On rocks left out of the calibration, it closes {} of the gap in all quantities "
-            "together.",
+            "On rocks left out of the calibration, it closes {} of the gap over all quantities.",
             share,
         )
         return [said, *([on_rocks] if share else []), *why]
     if advice.recommended == "ground":
         on_rocks = phrase(
-            "On rocks left out of the calibration, this closes {} of the gap in all quantities "
-            "together.",
+            "On rocks left out of the calibration, this closes {} of the gap over all quantities.",
             share,
         )
         return [*_what_to_set(advice), *([on_rocks] if share else []), *why]
     apart = [n for n in advice.recommended.split("+") if n in CAUSES and CAUSES[n].of_data]
     if apart:
-        text = "{} is no part of the motion: the file does not have it."
+        text = "{} is not part of the motion. The file does not contain it."
         why = [phrase(text, capital(effect_name("+".join(apart)))), *why]
     if not share:
-        said = phrase("Run model/config.toml, which has {}.", name)
+        said = phrase("Run model/config.toml (with {}).", name)
     elif "ground" not in closed:
         said = phrase(
-            "Run model/config.toml, which has {}: on rocks left out of the calibration, this "
-            "closes {} of the gap in all quantities together.",
+            "Run model/config.toml (with {}). On rocks left out of the calibration, it closes {} "
+            "of the gap over all quantities.",
             name,
             share,
         )
     else:
         said = phrase(
-            "Run model/config.toml, which has {}: on rocks left out of the calibration, this "
-            "closes {} of the gap in all quantities together, calibrated ground alone {}.",
+            "Run model/config.toml (with {}). On rocks left out of the calibration, it closes {} "
+            "of the gap over all quantities. Calibrated ground closes {}.",
             name,
             share,
             closed["ground"],
@@ -312,11 +309,11 @@ def _closed(rung: Rung) -> Phrase:
 
 #: Words for gaps on the unsafe side and on the safe side.
 _OFF: Mapping[str, tuple[str, ...]] = {
-    "width": ("scatters {} {} too little", "scatters {} {} too much"),
-    "runout_m": ("is {} {} short", "is {} {} long"),
-    "energy_kj": ("is {} {} too low", "is {} {} too high"),
-    "speed_mps": ("is {} {} too slow", "is {} {} too fast"),
-    "arrived": ("stops {} {} of the rocks too early",),
+    "width": ("stops scatter {} {} too little", "stops scatter {} {} too much"),
+    "runout_m": ("simulated blocks stop {} {} too early", "simulated blocks stop {} {} too far"),
+    "energy_kj": ("simulated energies are {} {} too low", "simulated energies are {} {} too high"),
+    "speed_mps": ("simulated speeds are {} {} too low", "simulated speeds are {} {} too high"),
+    "arrived": ("{} {} of the simulated blocks stop too early",),
 }
 
 
@@ -333,7 +330,7 @@ def _off_by(gap: ModelGap, advice: Advice) -> Phrase:
             for g in advice.compared
         )
         return phrase(
-            "the model is not distinguished from {} rocks in {}: {} {} observed less predicted "
+            "no significant difference from {} rocks in {}. Observed less predicted ({} {}): "
             "{} {} (95 %: {} {}).",
             gap.rocks, all_of(compared), statistic, quantity, number_text(gap.gap), gap.unit,
             range_text(*gap.ci95), gap.unit,
@@ -341,18 +338,18 @@ def _off_by(gap: ModelGap, advice: Advice) -> Phrase:
     low, high = sorted(abs(v) for v in gap.ci95)
     kind = "width" if gap.statistic == "width" else gap.quantity
     if kind == "width":
-        what = phrase("width of the run-out, 10 to 90 %")
-    elif kind == "runout_m":
-        what = phrase("median run-out" if gap.statistic == "median" else "90 % run-out")
+        what = phrase("10 % to 90 % quantile")
     elif kind == "arrived":
         what = phrase("before {}", gap.place)
     else:
-        what = phrase("{} {} at {}", statistic, quantity, gap.place)
+        what = phrase("median" if gap.statistic == "median" else "90 % quantile")
+        if kind != "runout_m":
+            what = phrase("{} at {}", what, gap.place)
     off = phrase(_OFF[kind][gap.side == "safe"], number_text(abs(gap.gap)), gap.unit)
     said = off, what, range_text(low, high), gap.unit
     if gap.side == "safe":
-        return phrase("the model {} ({}; 95 %: {} {}), on the safe side.", *said)
-    return phrase("the model {} ({}; 95 %: {} {}), on the unsafe side.", *said)
+        return phrase("{} ({}; 95 % interval {} {}); conservative.", *said)
+    return phrase("{} ({}; 95 % interval {} {}); unsafe.", *said)
 
 
 def _what_to_set(advice: Advice) -> list[Phrase]:
@@ -365,14 +362,14 @@ def _what_to_set(advice: Advice) -> list[Phrase]:
     if not by_class:
         return [
             phrase(
-                "Set the ground as in model/ground_classes.csv; these data identify none of its "
-                "parameters alone."
+                "Set the ground as in model/ground_classes.csv. These data do not identify its "
+                "parameters one by one."
             )
         ]
     known = {f"{s.ground}.{s.parameter}" for s in advice.settings if s.identified}
     said = [phrase("Set {}: {}.", name, joined(", ", values)) for name, values in by_class.items()]
     said += [
-        phrase("{} and {} make up for each other: change one only with the other.", one, other)
+        phrase("{} and {} compensate each other. Change them together.", one, other)
         for one, other, _ in advice.trade_offs
         if {one, other} <= known
     ][:1]

@@ -282,11 +282,11 @@ class SiteCalibration:
         if self.recommended:
             return phrase("Run the fitted classes: {}.", of_gain)
         if not np.isfinite(self.gain.value):
-            return "The configured ground stays: too few rocks to predict any that were left out."
+            return "Keep the configured ground. There are too few rocks to predict left-out rocks."
         if worse:
-            text = "The configured ground stays: {}; they are worse at {}."
+            text = "Keep the configured ground. {}; they are worse at {}."
             return phrase(text, of_gain, worse)
-        return phrase("The configured ground stays: {}, which does not clear zero.", of_gain)
+        return phrase("Keep the configured ground. The gain may be chance: {}.", of_gain)
 
     def table(self, configured: GroundTable) -> GroundTable:
         """A table with the calibrated values."""

@@ -169,10 +169,8 @@ _ORDER = {
 }
 #: Values at a limit of the search.
 _AT_LIMIT = {
-    "low": "{} is at the low limit of the search ({}): the model may lack something that acts "
-    "there.",
-    "high": "{} is at the high limit of the search ({}): the model may lack something that acts "
-    "there.",
+    "low": "{} is at the low limit of the search ({}). The model may lack an effect.",
+    "high": "{} is at the high limit of the search ({}). The model may lack an effect.",
 }
 #: Standard deviations between sites from which on a value is far from the configured one.
 _FAR = 2.0
@@ -194,7 +192,7 @@ def findings_of(
 
     And sites of which the ``gains`` on rocks left out do not clear zero.
     """
-    text = "{}: {}, which does not clear zero."
+    text = "{}: {}; the gain may be chance."
     small = [
         CalibrationFinding("gain", (), phrase(text, site, gain_text(gain)))
         for site, gain in gains.items()
@@ -244,8 +242,8 @@ def _against_order(fitted: Sequence[Fitted]) -> list[CalibrationFinding]:
 def _far(fitted: Sequence[Fitted]) -> list[CalibrationFinding]:
     found = []
     text = (
-        "{} {} lies {} standard deviations between sites from the configured {}: is the ground "
-        "what its class says?"
+        "{} {} lies {} standard deviations (between sites) from the configured {}. Check the "
+        "ground class on the site."
     )
     for f in fitted:
         apart = abs(f.share - f.parameter.start) / f.parameter.sd

@@ -92,9 +92,9 @@ def evidence_beyond(
     # What no cause explains.
     if (found := losses_at_one_place(residuals)) is not None:
         text = (
-            "{} of the paths in time lose speed above the ground at one place, about {} m down the "
-            "way: a step that the terrain model lacks, or something built. They say nothing about "
-            "trees."
+            "Measured paths that lose speed above the ground at the same place, about {1} m from "
+            "the start: {0}. The terrain model may lack a step or a structure there. These paths "
+            "give no evidence of trees."
         )
         notes = (phrase(text, found[0], f"{found[1]:.0f}"),)
     return Evidence(
@@ -130,9 +130,9 @@ def evidence_of_site(made: HypothesisFits) -> AddedCauses:
             models = [made.add(NONE).handed_over.draw.model, *models]
         if (left := first_adequate(made, models)) is not None:
             note = phrase(
-                "Gaps by place are those of a calibration that the rocks do not exclude, which is "
-                "the base here: the best one of the free contact leaves a significant and large "
-                "gap."
+                "The best calibration with a free contact leaves a significant and large gap. The "
+                "base model is therefore a calibration that the rocks do not exclude. Gaps by "
+                "place refer to it."
             )
             found = replace(found, findings=left, notes=(*found.notes, note))
     return replace(added, evidence=found)
@@ -288,7 +288,7 @@ def verdict_of(
     elif effect == NONE:
         shrinkage = _nothing_added(added)
     elif first != NONE:
-        note = phrase("No effect is named; this is of {}, as a bound.", effect_key(first))
+        note = phrase("No effect is named. This is the bound for {}.", effect_key(first))
         shrinkage = replace(shrinkage, note=note)
     fitted = () if effect in (UNKNOWN, CONTACT_LAW) else added.fit(effect).models
     case = added.made.problem.case

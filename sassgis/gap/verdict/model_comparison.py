@@ -122,7 +122,7 @@ class Ladder:
         """
         best, why = names[0], list[str]()
         if not self._found:
-            return best, "nothing was observed of which a gain on rocks left out could be shown"
+            return best, "the observations allow no test on rocks left out"
         for name in names[1:]:
             gains = {
                 simpler: found
@@ -146,7 +146,7 @@ class Ladder:
             )
         if not why:
             return best, ""
-        nothing = phrase("on rocks left out nothing is closed for certain {}", joined(", ", why))
+        nothing = phrase("no gain on rocks left out is certain {}", joined(", ", why))
         return best, nothing
 
 
@@ -170,20 +170,13 @@ def shrinkage_of(problem: SiteData, base: FloatArray, effect: str, rows: FloatAr
     """
     if not problem.rows.shape[1]:
         nan = float("nan")
-        note = (
-            "Neither stops nor stations were seen of enough rocks: there is no distance to shrink."
-        )
+        note = "Too few rocks have stops or passages at stations to state a distance."
         return Shrinkage(effect, None, None, nan, nan, nan, {}, note)
     before, after = (RockDistances.of(problem.rows, own) for own in (base, rows))
     value, interval, note = None, None, ""
-    if effect == NONE:
-        note = "No effect is named: nothing to shrink by."
-    elif not before.above_chance:
-        note = (
-            "The gap of the calibrated base is not distinguished from chance: no share of it is "
-            "given."
-        )
-    else:
+    if effect != NONE and not before.above_chance:
+        note = "No share is stated, because the gap of the calibrated base model may be chance."
+    elif effect != NONE:
         rng = np.random.default_rng([problem.seed, 51])
         weights = group_weights(problem.unit, rng, _SAMPLES)
         drawn = [own.drawn(weights) for own in (before, after)]

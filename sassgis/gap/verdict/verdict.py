@@ -270,10 +270,10 @@ def decide(
     together = {g: group_probability(g, shares) for g in GROUPS}
     group = max(together, key=lambda g: together[g])
     if together[group] >= thresholds.grouped and len(GROUPS[group]) == 1 and refused:
-        return UNKNOWN, group, phrase("{}these data cannot answer which cause the gap has", refused)
+        return UNKNOWN, group, phrase("{}these data do not show the cause of the gap", refused)
     if together[group] >= thresholds.grouped:
         reason = phrase(
-            "a cause of the group {} is {} probable; these data cannot answer which",
+            "a cause of the group {} is {} probable; these data do not show which one",
             phrase(group),
             f"{together[group]:.0%}",
         )
@@ -297,10 +297,7 @@ def decide(
             "or it certainly closes more of the gap than any values of the ground"
         )
         return CONTACT_LAW, contact, joined("", (refused, reason))
-    reason = phrase(
-        "gaps are significant and large, and no known cause is probable: these data cannot answer "
-        "which"
-    )
+    reason = phrase("gaps are significant and large, and these data show no probable cause")
     return UNKNOWN, "", joined("", (refused, reason))
 
 

@@ -81,8 +81,8 @@ class _Maker:
             ),
             "rules": joined(" ", [named, *preset_unverified(preset)]),
             "sampled": phrase(
-                "{} intervals cover the sampling of blocks, not errors of the model, its "
-                "parameters or the onset frequency.",
+                "{} intervals cover the sampling of blocks. They do not cover errors of the "
+                "model, its parameters or the onset frequency.",
                 percent,
             ),
         }

@@ -94,17 +94,15 @@ def map_layers(
             "half of it of the middle of the cell, or stops in the cell.",
             f"{cell_size:.4g}",
         ),
-        "once": phrase(
-            "Each block counts once per cell, with the largest value that it has there."
-        ),
+        "once": phrase("Each block counts once per cell, with its largest value there."),
         "few": phrase(
-            "Where fewer than {} blocks arrive the 95 % quantile is mostly too low, of 2 to 4 "
-            "energies or heights by about a quarter: compare with the number of arriving blocks.",
+            "Where fewer than {} blocks arrive, the 95 % quantile is mostly too low (with 2 to 4 "
+            "blocks by about a quarter). Compare it with the number of arriving blocks.",
             FEW_BLOCKS,
         ),
         "late": phrase(
-            "Where fewer than {} blocks arrive the 5 % quantile is mostly too late: compare with "
-            "the number of arriving blocks.",
+            "Where fewer than {} blocks arrive, the 5 % quantile is mostly too late. Compare it "
+            "with the number of arriving blocks.",
             FEW_BLOCKS,
         ),
         "error": phrase(

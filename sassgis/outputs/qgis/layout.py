@@ -29,7 +29,7 @@ SCALE_NUMBERS = (1.0, 1.5, 2.0, 2.5, 3.0, 4.0, 5.0, 7.5)
 #: Type sizes that are tried, as shares of those of the template; the title shrinks less.
 _SHRINKING = (1.0, 0.92, 0.85, 0.78, 0.7, 0.6, 0.5, 0.4)
 _LEAST_TITLE = 0.7
-_SMALLER = "The zones are drawn for 1:{}: on this sheet they are smaller than the rules ask for."
+_SMALLER = "The zones are drawn for 1:{}. On this sheet some are smaller than the rules require."
 
 
 @dataclass(frozen=True, slots=True)

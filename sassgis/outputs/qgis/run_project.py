@@ -85,7 +85,7 @@ def sheet_words(
         ("Program", program),
         ("Model", model),
         ("Terrain", phrase(
-            "{}, cells of {} m; heights {}", terrain_file, f"{grid.cell_size:.4g}",
+            "{}, cells of {} m; height system {}", terrain_file, f"{grid.cell_size:.4g}",
             grid.vertical_datum or phrase("of an unstated datum"),
         )),
         ("Release areas", ", ".join(a.name for a in run.areas)),
@@ -303,7 +303,7 @@ def zone_layouts(
     )
     notes = (
         sample_words(found.hazard.changed_share),
-        "Hazard follows from the onset frequencies that the user stated.",
+        "Hazard depends on the onset frequencies stated by the user.",
         *unverified_in_short(preset),
         *words.notes,
         *edit_lines(found.hazard.edits),

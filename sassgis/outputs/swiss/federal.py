@@ -66,7 +66,7 @@ def federal_layers(
     claims = in_federal_extent(crs, grid.bounds) and has_federal_codes(preset)
     level_codes = [level.code for level in preset.levels]
     assessed = cell_polygons(np.isfinite(grid.values), grid)
-    along = "paths that are followed" if config.terrain.path == "followed" else "fall lines"
+    along = "a path for each block" if config.terrain.path == "followed" else "fall lines"
     method = (
         f"SASS (Bozzolo and Pamini, 1986): blocks simulated along {along}; "
         f"reference width {ref_width_m:.4g} m. Onset frequencies as stated by the user."

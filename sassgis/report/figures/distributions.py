@@ -132,7 +132,7 @@ _REASONS = {
     StopReason.REST: ("at rest", BLUE),
     StopReason.BARRIER: ("stopped by a barrier", VERMILION),
     StopReason.LEFT_PROFILE: ("left the profile", ORANGE),
-    StopReason.STEP_LIMIT: ("given up (step limit)", PURPLE),
+    StopReason.STEP_LIMIT: ("aborted (contact limit)", PURPLE),
     StopReason.NEVER_STARTED: ("never started", "#8c8c8c"),
     StopReason.BROKEN: ("broke into fragments", "#3d3d3d"),
 }
@@ -201,11 +201,11 @@ def runout_figure(
     note = ""
     if open_end:
         text = (
-            "{} block of {} went on where the computation ended: the true shares lie on or above "
-            "the line"
+            "{} block of {} was still moving at the end of the computation; the true shares lie "
+            "on or above the line"
             if open_end == 1
-            else "{} blocks of {} went on where the computation ended: the true shares lie on or "
-            "above the line"
+            else "{} blocks of {} were still moving at the end of the computation; the true "
+            "shares lie on or above the line"
         )
         note = phrase(text, thousands(open_end), thousands(total.sum()))
     sheet = Sheet(title, note, 3.6)

@@ -64,7 +64,7 @@ def leading_sources(by_source: Mapping[str, FloatArray]) -> dict[str, FloatArray
         return {name: coming[name] for name in names}
     out = {name: coming[name] for name in names[: MAX_SOURCES - 1]}
     rest = names[MAX_SOURCES - 1 :]
-    name = phrase("{} other sources", len(rest))
+    name = phrase("others ({})", len(rest))
     out[name] = np.sum([coming[name] for name in rest], axis=0)
     return out
 
@@ -178,7 +178,15 @@ def hazard_curve_figure(
             at, shown(rates), color=colour, ls=dashes, lw=1.3, label=name, zorder=4,
             gid=f"source-{name}",
         )  # fmt: skip
-    ax.plot(at, shown(total), color=INK, lw=1.8, label="all sources", zorder=5, gid="total")
+    ax.plot(
+        at,
+        shown(total),
+        color=INK,
+        lw=1.8,
+        label=("all release areas and scenarios"),
+        zorder=5,
+        gid="total",
+    )
     columns = [one.column(e) for e in preset.thresholds_kj]
     ax.plot(
         at[columns], shown(total)[columns], "o", ms=4.5, mfc="white", mec=INK, mew=1.2, zorder=6,
@@ -241,7 +249,7 @@ def blocks_figure(history: Sequence[tuple[int, float]], limit: float) -> Figure:
     ax.plot(blocks, 100.0 * shares, "o-", color=BLUE, markersize=4, linewidth=1.1)
     ax.set(
         xscale="log", xlabel="simulated blocks",
-        yscale="log", ylabel="changed by another sample (%)",
+        yscale="log", ylabel="changed by another seed (%)",
     )  # fmt: skip
     log_ticks(ax.xaxis, np.log10(blocks[-1] / blocks[0]))
     for axis in (ax.xaxis, ax.yaxis):
@@ -373,7 +381,7 @@ def protection_figure(
     least = 1.0 / max(return_periods_years) / _RARER
     for curve, colour, name in (
         (before, BLUE, "arriving, without walls and nets"),
-        (behind, VERMILION, "going on behind it"),
+        (behind, VERMILION, "passing it"),
     ):
         if curve is None:
             continue

@@ -82,7 +82,7 @@ def confidence_figure(
     text = "Statistically uncertain: {} % of the cells that have a level."
     note = joined(" ", filter(None, (phrase(text, f"{100.0 * share:.1f}"), note)))
     legend = ("", class_signs(classes, "statistically uncertain"))
-    title = "Levels that another sample of blocks may change"
+    title = "Levels that another random seed may change"
     return _class_maps(grid, [panel], [legend], marks, title, note)
 
 

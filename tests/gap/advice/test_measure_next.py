@@ -37,7 +37,7 @@ def between(
 def test_models_that_are_alike_are_not_told_apart(case: Case, lines: RockLines) -> None:
     found = between(case, lines, BASE, BASE)
     assert (found.what, found.rocks) == ("", 0)
-    assert "Neither" in found.sentence and "calibration alone" in found.sentence
+    assert "No measurement" in found.sentence and "calibration alone" in found.sentence
     assert separations(case, lines, {"none": [BASE]}, 4) == ()
 
 

@@ -102,7 +102,8 @@ def test_the_sentence_recommends_what_gains_and_says_why_not_more() -> None:
     why = "on rocks left out, trees closes no certain part of what is left"
     said = first_sentence(advice("ground", why), RUNGS)
     assert said.startswith(
-        "As configured, the model is 20 m short (90 % run-out; 95 %: 12 to 28 m), on the unsafe"
+        "As configured: simulated blocks stop 20 m too early (90 % quantile; 95 % interval 12 to "
+        "28 m); unsafe."
     )
     assert "Set debris: eta_max 0.72" in said and "closes 66 %" in said
     assert "On rocks left out, trees closes no certain part of what is left." in said
@@ -110,8 +111,8 @@ def test_the_sentence_recommends_what_gains_and_says_why_not_more() -> None:
     said = first_sentence(advice("configured", "ground closes nothing"), RUNGS)
     assert "Keep the configured ground. Ground closes nothing." in said and "Set" not in said
     said = first_sentence(advice("trees"), RUNGS)
-    assert "Run model/config.toml, which has trees: on rocks left out" in said
-    assert "calibrated ground alone 66 %" in said
+    assert "Run model/config.toml (with trees). On rocks left out" in said
+    assert "Calibrated ground closes 66 %" in said
 
 
 def test_a_run_out_beyond_the_terrain_is_not_called_short(problem: SiteData) -> None:
@@ -136,63 +137,62 @@ def test_a_run_out_beyond_the_terrain_is_not_called_short(problem: SiteData) -> 
 def test_a_model_that_falls_far_short_is_not_recommended() -> None:
     short = gap(107.0, 10.0)
     said = first_sentence(replace(advice("trees", left=(short,)), short=short), RUNGS)
-    assert "Run model" not in said and "Even so" not in said
+    assert "Run model" not in said and "After calibration" not in said
     assert (
-        "None of the models that were tried is recommended: with the nearest, trees "
-        "(model/config.toml), the model is 107 m short (median run-out; 95 %: 97 to 117 m), on the "
-        "unsafe side. On rocks left out of the calibration, it closes 66 % (95 %: 50 to 80 %) of "
-        "the gap in all quantities together."
+        "No tried model is recommended. With the nearest, trees (model/config.toml): simulated "
+        "blocks stop 107 m too early (median; 95 % interval 97 to 117 m); unsafe. On rocks left "
+        "out of the calibration, it closes 66 % (95 %: 50 to 80 %) of the gap over all quantities."
     ) in said
     said = first_sentence(replace(advice("configured", left=(short,)), short=short), RUNGS)
-    assert said.endswith("on the unsafe side. None of the models that were tried is recommended.")
+    assert said.endswith("; unsafe. No tried model is recommended.")
 
 
 def test_what_is_no_part_of_the_motion_is_not_said_to_be_in_the_file() -> None:
     rungs = (*RUNGS, Rung("release_error", 0.9, 0.7, (0.6, 0.8)))
     said = first_sentence(advice("release_error"), rungs, "release_error+trees")
-    assert "which has the calibrated base model (with error of the release in the data)" in said
+    assert "(with the calibrated base model (with error of the release in the data))" in said
     # A wrong start may be all of the gap of the configured model.
-    assert said.startswith("As configured, and from the stated starts, the model is")
-    assert "Error of the release is no part of the motion: the file does not have it." in said
-    assert "no part of the motion" not in first_sentence(advice("trees"), RUNGS)
+    assert said.startswith("As configured, from the stated starts: simulated blocks")
+    assert "Error of the release is not part of the motion. The file does not contain it." in said
+    assert "not part of the motion" not in first_sentence(advice("trees"), RUNGS)
 
 
 def test_what_is_far_off_on_the_safe_side_is_said_beside_the_unsafe_one() -> None:
     both = gap(40.0, 20.0, "90 %", **ENERGY), gap(-60.0, 5.0)
     made = replace(advice("ground"), configured=worst_of(both), compared=both)
     assert first_sentence(made, RUNGS).startswith(
-        "As configured, the model is 40 kJ too low (90 % energy at S2; 95 %: 20 to 60 kJ), on the "
-        "unsafe side. At the same time, the model is 60 m long (median run-out; 95 %: 55 to 65 m), "
-        "on the safe side."
+        "As configured: simulated energies are 40 kJ too low (90 % quantile at S2; 95 % interval "
+        "20 to 60 kJ); unsafe. Also: simulated blocks stop 60 m too far (median; 95 % interval 55 "
+        "to 65 m); conservative."
     )
     # Once, where the configured model is the one that is handed over.
     kept = first_sentence(replace(made, recommended="configured", left=both), RUNGS)
-    assert kept.count("60 m long") == 1 and "Even so" not in kept
+    assert kept.count("60 m too far") == 1 and "After calibration" not in kept
     near = replace(made, compared=(both[0], gap(-9.0, 2.0)))
-    assert "At the same time" not in first_sentence(near, RUNGS)
+    assert "Also" not in first_sentence(near, RUNGS)
 
 
 def test_what_the_recommended_model_leaves_is_said() -> None:
     left = (gap(40.0, 20.0, "90 %", **ENERGY), gap(-9.0, 2.0))
     said = first_sentence(advice("ground", left=left), RUNGS)
     assert said.endswith(
-        "Even so, the model is 40 kJ too low (90 % energy at S2; 95 %: 20 to 60 kJ), on the unsafe "
-        "side."
+        "After calibration: simulated energies are 40 kJ too low (90 % quantile at S2; 95 % "
+        "interval 20 to 60 kJ); unsafe."
     )
     # On the safe side only what is twice as large as it must be to count.
-    assert "Even so" not in first_sentence(advice("ground", left=left[1:]), RUNGS)
+    assert "After calibration" not in first_sentence(advice("ground", left=left[1:]), RUNGS)
     said = first_sentence(advice("ground", left=(gap(-11.0, 2.0), gap(-7.0, 0.5))), RUNGS)
-    assert said.endswith("Even so, the model is 11 m long (median run-out; 95 %: 9 to 13 m), on "
-                         "the safe side.")  # fmt: skip
+    assert said.endswith("After calibration: simulated blocks stop 11 m too far (median; 95 % "
+                         "interval 9 to 13 m); conservative.")  # fmt: skip
     both = (gap(40.0, 20.0, "90 %", **ENERGY), gap(-60.0, 5.0))
     said = first_sentence(advice("ground", left=both), RUNGS)
-    assert said.endswith("20 to 60 kJ), on the unsafe side. At the same time, the model is 60 m "
-                         "long (median run-out; 95 %: 55 to 65 m), on the safe side.")  # fmt: skip
+    assert said.endswith("20 to 60 kJ); unsafe. Also: simulated blocks stop 60 m too far (median; "
+                         "95 % interval 55 to 65 m); conservative.")  # fmt: skip
     unclear = (gap(1.0, 4.0), gap(2.0, 9.0, "90 %"), gap(1.0, 9.0, "width"))
     said = first_sentence(Advice(unclear[0], compared=unclear, recommended="configured"), RUNGS)
     assert said.startswith(
-        "As configured, the model is not distinguished from 40 rocks in median, 90 % and width of "
-        "run-out: median run-out observed less predicted 1 m (95 %: \u22123 to 5 m)."
+        "As configured: no significant difference from 40 rocks in median, 90 % and width of "
+        "run-out. Observed less predicted (median run-out): 1 m (95 %: \u22123 to 5 m)."
     )
 
 
@@ -219,7 +219,7 @@ def test_rocks_that_a_model_stops_too_early_count_as_a_shortfall(
     assert short.far_short and short.side == "unsafe"
     assert none == (len(found) == 1)
     said = first_sentence(replace(advice("trees", left=(short,)), short=short), RUNGS)
-    assert f"of the rocks too early (before {short.place}; 95 %: " in said
+    assert f"of the simulated blocks stop too early (before {short.place}; 95 % interval " in said
     # More in the model than were recorded: a station may have missed some.
     rows[..., absent] = 0.0
     fewer = problem.rows.copy()

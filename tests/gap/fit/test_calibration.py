@@ -111,7 +111,7 @@ def test_ground_that_is_wrong_is_left_and_ground_that_is_right_stays() -> None:
     assert wrong.recommendation.startswith("Run the fitted classes")
     right = calibrated([site(40, 11, TABLE)], ("debris",), ("eta_max", "mu_0"))
     assert not right.recommended and right.gain.low < 0.0
-    assert right.recommendation.startswith("The configured ground stays")
+    assert right.recommendation.startswith("Keep the configured ground")
     assert [f.kind for f in right.findings] == ["gain"]
     # Both tables are in, and the score is their sum.
     assert {t.table: t.rocks for t in right.sites[0].scores} == {"deposits": 40, "passages": 40}

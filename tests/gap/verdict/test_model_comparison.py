@@ -154,7 +154,7 @@ def test_without_a_gap_no_shrinkage_is_stated(problem: SiteData) -> None:
     assert found.value is None and found.note
     seen = replace(problem, rows=rows[0])
     found = shrinkage_of(seen, rows[1:], "air_drag", rows[1:])
-    assert found.value is None and "not distinguished from chance" in found.note
+    assert found.value is None and "may be chance" in found.note
 
 
 def test_impacts_alone_have_scores_but_no_distance() -> None:

@@ -50,7 +50,7 @@ def test_every_layer_opens_in_its_place(valley: RunResult, seen: dict[str, Any])
     assert vectors["Release areas"] == len(valley.run.areas)
     assert vectors["Release points"] == len(valley.planned.points)
     assert vectors["Fall lines"] == len(valley.planned.points)
-    assert vectors["Stopping points"] == valley.n_blocks
+    assert vectors["Deposits"] == valley.n_blocks
     assert vectors["Stations"] == 2 and vectors["Walls and nets"] == 2
     # What is drawn first lies in the view that opens.
     west, south, east, north = seen["extent"]
@@ -90,5 +90,5 @@ def test_columns_and_signs_explain_themselves(seen: dict[str, Any]) -> None:
     assert layer(seen, "Stations")["labels"] == "name"
     assert layer(seen, "Release areas")["labels"] == "name"
     assert layer(seen, "Buildings and people")["labels"] == "name"
-    ends = [c["value"] for c in layer(seen, "Stopping points")["renderer"]["classes"]]
+    ends = [c["value"] for c in layer(seen, "Deposits")["renderer"]["classes"]]
     assert "rest" in ends and "barrier" in ends

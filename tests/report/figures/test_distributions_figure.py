@@ -71,11 +71,11 @@ def test_runout_bars_by_reason_and_exceedance() -> None:
     words = texts(figure)
     for word in ("at rest: 2", "stopped by a barrier: 1", "left the profile: 1"):
         assert word in words
-    assert "1 block of 5 went on" in words
+    assert "1 block of 5 was still moving" in words
 
 
 def test_runout_without_open_ends_has_no_warning() -> None:
-    assert "went on" not in texts(runout_figure(EDGES, counted([1.0, 2.0], [0, 1])))
+    assert "still moving" not in texts(runout_figure(EDGES, counted([1.0, 2.0], [0, 1])))
 
 
 @pytest.mark.parametrize("values", [[5.0], [5.0, 5.0]])

@@ -238,7 +238,14 @@ def test_the_curve_is_drawn_with_band_sources_and_fields() -> None:
     np.testing.assert_allclose(dots.get_xdata()[1:], [30.0, 300.0])
     np.testing.assert_allclose(dots.get_ydata(), [0.05, 0.02, 0.001])
     words = texts(figure)
-    for word in ("A / large", "all sources", "95 % interval", "Width 5 m.", "(kJ)", "1/year"):
+    for word in (
+        "A / large",
+        "all release areas and scenarios",
+        "95 % interval",
+        "Width 5 m.",
+        "(kJ)",
+        "1/year",
+    ):
         assert word in words
     assert {"30", "100", "300"} <= set(words.split(" | "))
 
@@ -281,9 +288,9 @@ def test_the_note_tells_the_level_and_what_decides_it() -> None:
 def test_many_sources_are_brought_together() -> None:
     sources = {f"s{k}": ENERGIES * 0.0 + k for k in range(10)}
     leading = leading_sources(sources)
-    assert list(leading) == ["s9", "s8", "s7", "s6", "s5", "4 other sources"]
+    assert list(leading) == ["s9", "s8", "s7", "s6", "s5", "others (4)"]
     assert len(leading) == MAX_SOURCES
-    assert leading["4 other sources"][0] == 4 + 3 + 2 + 1
+    assert leading["others (4)"][0] == 4 + 3 + 2 + 1
     assert "s0" not in leading_sources({"s0": ENERGIES * 0.0, "s1": ENERGIES})
 
 
