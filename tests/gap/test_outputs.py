@@ -526,7 +526,7 @@ def test_comments_say_where_the_model_comes_from(made: Made, tmp_path: Path) -> 
 
 def test_what_is_named_and_not_recommended_is_said_apart(made: Made, tmp_path: Path) -> None:
     named = with_trees(made[1])
-    why = "no gain on rocks left out is certain by trees beyond calibrated ground"
+    why = "no certain gain on rocks left out by trees beyond calibrated ground"
     apart = replace(
         named, effect=named.base, advice=replace(named.advice, recommended="ground", why=why)
     )
@@ -691,7 +691,7 @@ def test_withheld_shrinkage_is_told(case: Case) -> None:
     withheld = replace(diagnosis.shrinkage, value=None, ci95=None, note="the gap is small")
     own = replace(diagnosis, shrinkage=withheld)
     text = " ".join(part(own, "How far the gap shrinks").sentences)
-    assert "is not given" in text and "1 with the calibrated base model" in text
+    assert "No share is stated" in text and "1 with the calibrated base model" in text
     assert "%" not in text and text.endswith("The gap is small.")
 
 

@@ -146,7 +146,7 @@ class Ladder:
             )
         if not why:
             return best, ""
-        nothing = phrase("no gain on rocks left out is certain {}", joined(", ", why))
+        nothing = phrase("no certain gain on rocks left out {}", joined(", ", why))
         return best, nothing
 
 
