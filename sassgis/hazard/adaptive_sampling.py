@@ -51,8 +51,8 @@ class MoreBlocks:
         if not progress.history or progress.history[-1][0] < progress.simulated:
             progress.history.append((progress.simulated, share))
         self.tell(
-            f"{progress.simulated} blocks: another sample of as many would change the level on "
-            f"{100 * share:.1f} % of the zoned area"
+            f"{progress.simulated} blocks: with another random seed, "
+            f"{100 * share:.1f} % of the zoned area changes level"
         )
         if share <= self.budget.changed_share:
             return None

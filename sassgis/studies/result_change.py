@@ -207,7 +207,7 @@ def compared_maps(before: StoredResult, after: StoredResult) -> tuple[ComparedMa
 def levels_differ(before: StoredResult, after: StoredResult) -> str:
     """Why hazard levels cannot be compared; empty if they can."""
     if LEVEL.stem not in before.maps or LEVEL.stem not in after.maps:
-        return "Hazard levels are not compared, because one result has none."
+        return "Hazard levels are not compared, because not both results have them."
     levels = [_levels(r) for r in (before, after)]
     same_preset = before.manifest["preset"] == after.manifest["preset"]
     if len(levels[0]) != len(levels[1]) or not all(

@@ -120,7 +120,7 @@ def test_a_change_within_the_sampling_error_is_not_certain(error: float, certain
         stored(block(2), error=error), stored(block(2, 0.1), error=error), NO_OBJECTS
     )
     assert found.certain_m2 == certain
-    assert found.beyond_sampling.startswith("Nowhere") is (certain == 0.0)
+    assert found.beyond_sampling.startswith("No significant") is (certain == 0.0)
 
 
 def test_zones_runouts_and_control_lines() -> None:
