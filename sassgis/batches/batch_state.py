@@ -61,7 +61,7 @@ class Record:
     sums: dict[str, str]  # digests of the files of its sums
 
     def part(self, terrain: Terrain) -> Part:
-        """The part on the lattice of a terrain model."""
+        """Return the part on the lattice of a terrain model."""
         return Part(
             round((terrain.north - self.north) / terrain.cell_size),
             round((self.west - terrain.west) / terrain.cell_size),
@@ -93,7 +93,7 @@ def write_record(folder: Path, record: Record) -> None:
 
 
 def read_record(folder: Path, tell: Callable[[str], None]) -> Record | None:
-    """What is known of an area; None if the folder holds no whole result of a batch.
+    """Read the record of an area; None if the folder holds no whole result of a batch.
 
     A result whose record or sums are not as they were saved is none, which is told.
     """
@@ -117,7 +117,7 @@ def read_record(folder: Path, tell: Callable[[str], None]) -> Record | None:
 
 
 def digests_of_sums(folder: Path) -> dict[str, str]:
-    """Of the files of sums in the folder of an area, by name; empty for a damaged one."""
+    """Return digests of the files of sums of an area's folder, by name; empty for a damaged one."""
     files = [folder / name for name in (SIMULATION_NAME, WITHOUT_BARRIERS_NAME)]
     return {file.name: saved_digest(file) for file in files if file.is_file()}
 
@@ -134,7 +134,7 @@ def read_state(
     without: bool = False,
     wanted: Callable[[str], bool] = lambda _name: True,
 ) -> dict[str, NDArray[Any]]:
-    """What write_state wrote into the folder of an area, or what is wanted of it.
+    """Read what write_state wrote into the folder of an area, or what is wanted of it.
 
     Parameters
     ----------
@@ -162,7 +162,7 @@ def added_up(
     planned: Plan | None = None,
     only_energies_kj: FloatArray | None = None,
 ) -> Progress:
-    """What areas have counted in the cells of a place, at stations, barriers and objects.
+    """Add up what areas counted in the cells of a place, at stations, barriers and objects.
 
     Counts are whole numbers: the sums of a place are those of the whole that lie there. One area
     is in memory at a time.
@@ -243,7 +243,7 @@ def _add_counts(
     objects = np.array(area.record.objects, np.int64)
 
     def widened(counts: IntArray) -> IntArray:
-        """Counts by the energies of the area as counts by those that are wanted."""
+        """Return counts by the energies of the area as counts by those that are wanted."""
         out = np.zeros((counts.shape[0], n), np.int64)
         out[:, columns] = counts[:, counted]
         return out
@@ -282,7 +282,7 @@ def _add_blocks(total: Progress, own: Progress, first_point: int) -> None:
 
 
 def _columns(own: NDArray[Any], wanted: NDArray[Any]) -> tuple[IntArray, IntArray]:
-    """Columns of the wanted energies of which an area has counts, and of those of the area.
+    """Return columns of the wanted energies of which an area has counts, and of those of the area.
 
     The energies of a larger relief begin with those of a smaller one and go on beyond what any
     block can have there: what is missing counts nothing.

@@ -92,7 +92,7 @@ class PartCompiler(CompilerBase):
     library: type[JITCodeLibrary] = _PartLibrary
 
     def define_pipelines(self) -> list[Any]:
-        """Passes of numba."""
+        """Return passes of numba."""
         state = self.state
         state.library = self.library(state.targetctx.codegen(), state.func_id.func_qualname)
         state.library.enable_object_caching()

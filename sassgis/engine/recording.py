@@ -49,7 +49,10 @@ class CellWork(NamedTuple):
 
 
 def empty_work(n_cells: int, chords: bool) -> CellWork:
-    """Room for what a block does in the cells of a chunk; if wanted, for its path across each."""
+    """Return room for what a block does in the cells of a chunk.
+
+    If wanted, for its path across each.
+    """
     return CellWork(
         np.full((n_cells, N_RECORDED), -1.0),
         np.zeros(n_cells, np.int64),
@@ -84,7 +87,7 @@ def _raise(
 
 @lean
 def stretch_at(stretches: NDArray[np.void], x: float, near: int) -> int:
-    """The stretch under chainage x."""
+    """Return the stretch under chainage x."""
     i = near
     while i > 0 and stretches[i].start > x:
         i -= 1
@@ -95,7 +98,7 @@ def stretch_at(stretches: NDArray[np.void], x: float, near: int) -> int:
 
 @lean
 def _on_map(stretches: NDArray[np.void], i: int, x: float) -> tuple[float, float]:
-    """Place on the map (u, v) of chainage x in stretch i, which is straight there."""
+    """Return the place on the map (u, v) of chainage x in stretch i, which is straight there."""
     here = stretches[i]
     after = stretches[i + 1]
     length = after.start - here.start

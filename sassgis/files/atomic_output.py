@@ -55,7 +55,7 @@ _LIBRARIES = ("rasterio", "pyogrio", "sqlite3")
 
 
 def is_text(path: Path) -> bool:
-    """Whether a path, from the root, is UTF-8: GDAL, SQLite, XML and JSON take no other."""
+    """Return whether a path, from the root, is UTF-8: GDAL, SQLite, XML and JSON take no other."""
     try:
         str(path.absolute()).encode()
     except UnicodeEncodeError:
@@ -88,7 +88,7 @@ def _is_library_error(error: BaseException) -> bool:
 
 
 def _reason(error: BaseException) -> str:
-    """Why the disk refused, in one line."""
+    """State why the disk refused, in one line."""
     said = " ".join(str(own) for own in chain(error)).lower()
     detail = (isinstance(error, OSError) and error.strerror) or str(error) or type(error).__name__
     known = (reason for words, reason in _REASONS.items() if words in said)
@@ -164,7 +164,7 @@ def _check_file(target: Path, overwrite: bool) -> None:
 
 
 def _written(folder: Path) -> dict[str, list[str]]:
-    """Digests of the single files that commands wrote into a folder, by their names."""
+    """Return digests of the single files that commands wrote into a folder, by their names."""
     try:
         content = json.loads((folder / WRITTEN_NAME).read_text(encoding="utf-8"))
         return {name: list(digests) for name, digests in content.items()}
@@ -187,7 +187,7 @@ def _list_written(target: Path, fresh: Path) -> None:
 
 
 def partial_folder(target: Path) -> Path:
-    """The working folder of a result: beside it, so that a rename can put it in place."""
+    """Return the working folder of a result: beside it, so that a rename can put it in place."""
     target = Path(os.path.realpath(target))
     if not target.name:
         raise OutputError(f"{target}: is the root of a disk; choose a folder within it")
@@ -233,7 +233,7 @@ def staged_output(target: Path, overwrite: bool, parts: Sequence[str] = ()) -> I
 def output_if_asked(
     target: str | Path | None, overwrite: bool, parts: Sequence[str] = ()
 ) -> Iterator[Path]:
-    """As ``staged_output``; without a target a folder for the time of the block."""
+    """Open as ``staged_output`` does; without a target a folder for the time of the block."""
     if target is not None:
         with staged_output(Path(target), overwrite, parts) as work:
             yield work
@@ -260,7 +260,7 @@ def check_output(target: Path, overwrite: bool) -> None:
 
 
 def result_files(folder: Path) -> list[Path]:
-    """The files of a result but for its manifest, and what a working folder does not pass on."""
+    """Return files of a result but for its manifest, and what a working folder does not pass on."""
     own = (MANIFEST_NAME, MARKER_NAME)
     return [
         f
@@ -271,7 +271,7 @@ def result_files(folder: Path) -> list[Path]:
 
 
 def _files(folder: Path) -> list[Path]:
-    """All that lies in a folder and is no folder; links are files."""
+    """Return all that lies in a folder and is no folder; links are files."""
     return sorted(p for p in folder.rglob("*") if p.is_symlink() or not p.is_dir())
 
 
@@ -292,7 +292,7 @@ def _check_target(target: Path, overwrite: bool, parts: Sequence[str] = ()) -> N
 
 
 def _own_files(folder: Path, shown: Path, parts: Sequence[str]) -> list[Path]:
-    """All files of a result; OutputError for the first that no run has written as it is."""
+    """Return all files of a result; OutputError for the first that no run has written as it is."""
     listed = _listed(folder)
     if listed is None:
         raise OutputError(
@@ -320,7 +320,7 @@ def _own_files(folder: Path, shown: Path, parts: Sequence[str]) -> list[Path]:
 
 
 def _listed(folder: Path) -> dict[str, str] | None:
-    """Digests of the files of a result; None where no manifest of sassgis lists any."""
+    """Return digests of the files of a result; None where no manifest of sassgis lists any."""
     file = folder / MANIFEST_NAME
     try:
         content = json.loads(file.read_text(encoding="utf-8"))

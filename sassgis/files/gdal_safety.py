@@ -72,7 +72,7 @@ def offline() -> Iterator[None]:
 
 @contextmanager
 def pyogrio_settings(settings: Mapping[str, str]) -> Iterator[None]:
-    """Settings of pyogrio's GDAL within the block, and where its PROJ finds coordinate systems.
+    """Set pyogrio's GDAL within the block, and where its PROJ finds coordinate systems.
 
     For a GeoPackage it would look in the current folder, too, which may come from anybody.
     """
@@ -111,7 +111,7 @@ def open_dataset(file: Path) -> DatasetReader:
 
 
 def kept_dataset(file: Path) -> DatasetReader:
-    """As open_dataset; of the same file, the same as before, with what GDAL has kept of it.
+    """Open as open_dataset does; return the same file's data set again, with what GDAL kept of it.
 
     Neighbouring release areas read the same tiles of a terrain model.
     """
@@ -155,12 +155,12 @@ def vector_file(file: Path, field: str | None) -> Iterator[None]:
 
 
 def layers_of(file: Path) -> dict[str, str | None]:
-    """Layers by name, with their kind of geometry, within a block of vector_file."""
+    """Return layers by name, with their kind of geometry, within a block of vector_file."""
     return {str(name): kind for name, kind in pyogrio.list_layers(file)}
 
 
 def read_frame(file: Path, layer: str, **options: Any) -> Any:
-    """A layer as a frame, within a block of vector_file."""
+    """Return a layer as a frame, within a block of vector_file."""
     try:
         info = pyogrio.read_info(file, layer=layer)
     except UnicodeDecodeError:
@@ -173,14 +173,14 @@ def read_frame(file: Path, layer: str, **options: Any) -> Any:
 
 
 def with_composed(frame: Any) -> Any:
-    """A frame whose columns have their names in one Unicode form; itself where they have."""
+    """Return a frame whose columns have their names in one Unicode form; itself where they have."""
     names = {name: composed(name) for name in frame.columns if isinstance(name, str)}
     other = {name: own for name, own in names.items() if own != name}
     return frame.rename(columns=other) if other else frame
 
 
 def _encoding(file: Path, layer: str, taken: str) -> str | None:
-    """Encoding of the texts of a shapefile; None for the one that it states.
+    """Return encoding of the texts of a shapefile; None for the one that it states.
 
     Without a .cpg GDAL takes them for ISO-8859-1, as if that were stated. No other text than ASCII
     is UTF-8 by chance. ``taken`` is what GDAL leaves to its caller: UTF-8 where it knows what is
@@ -207,7 +207,7 @@ def _encoding(file: Path, layer: str, taken: str) -> str | None:
 
 
 def _computed_table(file: Path) -> str:
-    """How a database declares a view or a virtual table, if it has one; no SQL of it is run."""
+    """Return how a database declares a view or virtual table, if any; no SQL of it is run."""
     # The second way: beside a log of changes, in a folder without the right to write.
     for mode in ("mode=ro", "mode=ro&immutable=1"):
         place = f"file:{quote(str(file.absolute()))}?{mode}"
@@ -218,7 +218,10 @@ def _computed_table(file: Path) -> str:
 
 
 def _head(file: Path) -> bytes:
-    """The begin of a file; of a file geodatabase, which is a folder, that of other binary ones."""
+    """Return the begin of a file.
+
+    Of a file geodatabase, which is a folder, that of other binary ones.
+    """
     if file.is_dir():
         known = file.suffix.lower() == ".gdb" and (file / "a00000001.gdbtable").is_file()
         return _SHAPES if known else b""
@@ -227,7 +230,7 @@ def _head(file: Path) -> bytes:
 
 
 def _is_vector(head: bytes) -> bool:
-    """Whether a file begins as one of the formats, so that no other driver takes it for its own."""
+    """Return whether a file begins as one of the formats, so that no other driver takes it."""
     if head.startswith(_BINARY_VECTORS):
         return True  # drivers look for texts up to the first zero
     text = head.removeprefix(b"\xef\xbb\xbf").lstrip()

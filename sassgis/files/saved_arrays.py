@@ -70,7 +70,10 @@ def write_saved(
 def read_saved(
     path: Path, fingerprint: str, tell: Callable[[str], None]
 ) -> dict[str, NDArray[Any]] | None:
-    """Arrays of ``write_saved``; None if there are none, or they do not fit, which is told."""
+    """Return arrays of ``write_saved``.
+
+    None if there are none, or they do not fit, which is told.
+    """
     if not path.exists():
         return None
     try:
@@ -89,7 +92,7 @@ def saved_or_refused(
     digest: str | None = None,
     wanted: Callable[[str], bool] = _every,
 ) -> dict[str, NDArray[Any]]:
-    """The ``wanted`` arrays of ``write_saved``.
+    """Return the ``wanted`` arrays of ``write_saved``.
 
     Parameters
     ----------
@@ -114,7 +117,7 @@ def saved_or_refused(
 
 
 def saved_digest(path: Path) -> str:
-    """The digest that ``write_saved`` gave; empty if the file is damaged, changed or missing."""
+    """Return digest that ``write_saved`` gave; empty if the file is damaged, changed or missing."""
     try:
         return _seal(path).digest
     except _DAMAGE:
@@ -127,7 +130,7 @@ def _known(path: Path, _stamp: Stamp) -> str:
 
 
 def unfit(path: Path, why: str = "damaged, or changed since it was saved") -> str:
-    """One line to tell that what was saved is not used."""
+    """Return one line to tell that what was saved is not used."""
     return f"{UNFIT} {path} is not used: {why}"
 
 
@@ -141,7 +144,10 @@ def _arrays(path: Path, wanted: Callable[[str], bool] = _every) -> dict[str, NDA
 
 
 def _seal(path: Path) -> _Seal:
-    """Fingerprint and digest of a file; ValueError or OSError if it is not as it was saved."""
+    """Return fingerprint and digest of a file.
+
+    ValueError or OSError if it is not as it was saved.
+    """
     with path.open("rb") as stream:
         stream.seek(-2 * _HEX, os.SEEK_END)
         end = stream.read().decode("ascii")
@@ -152,7 +158,7 @@ def _seal(path: Path) -> _Seal:
 
 
 def _digest(path: Path, name: str) -> str:
-    """SHA-256 of a name and of a file without the digest at its end."""
+    """Return SHA-256 of a name and of a file without the digest at its end."""
     total, left = hashlib.sha256(name.encode()), path.stat().st_size - _HEX
     with path.open("rb") as stream:
         while left > 0 and (block := stream.read(min(left, _BLOCK))):

@@ -290,7 +290,7 @@ class Diagnosis:
 
 
 def as_json(diagnosis: Diagnosis) -> dict[str, Any]:
-    """The diagnosis as plain values, in the layout of ``diagnosis.json``.
+    """Return the diagnosis as plain values, in the layout of ``diagnosis.json``.
 
     Missing numbers (NaN) become None.
     """
@@ -317,7 +317,7 @@ def as_json(diagnosis: Diagnosis) -> dict[str, Any]:
 
 
 def without_nan(value: Any) -> Any:
-    """Plain values with None in place of NaN."""
+    """Return plain values with None in place of NaN."""
     if isinstance(value, Mapping):
         return {str(k): without_nan(v) for k, v in value.items()}
     if isinstance(value, tuple | list):

@@ -42,7 +42,7 @@ class MoreBlocks:
     tell: Callable[[str], None]
 
     def __call__(self, run: MapRun, planned: Plan, progress: Progress) -> Round | None:
-        """The next round, None for enough; sets what the progress is to find out in it."""
+        """Return the next round, None for enough; sets what the progress is to find out in it."""
         sampled = sampled_sources(run, progress, self.rules.frequencies)
         curves = curves_of(sampled, bins_of(run).threshold)
         known = np.isfinite(run.grid.values)
@@ -70,7 +70,7 @@ class MoreBlocks:
         return more
 
     def _blocks_left(self, progress: Progress) -> int:
-        """How many more blocks the budget allows for."""
+        """Return how many more blocks the budget allows for."""
         left = self.budget.blocks - progress.simulated
         if progress.seconds > 0.0:
             pace = progress.simulated / progress.seconds
@@ -78,7 +78,7 @@ class MoreBlocks:
         return max(left, 0)
 
     def _open(self, run: MapRun, planned: Plan, progress: Progress) -> FloatArray | None:
-        """What a repetition at each point leaves open, by scenario; None if none has shown it."""
+        """Return what a repetition at each point leaves open, by scenario; None if unknown."""
         if progress.worth is None:
             return None
         last = run.rounds[-1]
@@ -100,7 +100,7 @@ class MoreBlocks:
 
 
 def halvings_of(left_open: FloatArray | None, planned: Plan) -> NDArray[np.uint8] | None:
-    """How often the blocks of each point are halved, so that all of them cost the least.
+    """Return how often the blocks of each point are halved, so that all of them cost the least.
 
     Neyman (1934): where a stratum adds v/n to the variance, n proportional to the root of v gives
     the least variance of all samples of one size; here to the nearest power of 2, within an eighth
@@ -141,7 +141,7 @@ def halvings_of(left_open: FloatArray | None, planned: Plan) -> NDArray[np.uint8
 def round_within(
     run: MapRun, planned: Plan, wanted: int, halvings: NDArray[np.uint8] | None, blocks: int
 ) -> Round | None:
-    """The next round, of at most so many blocks; None if there are too few for one.
+    """Return the next round, of at most so many blocks; None if there are too few for one.
 
     ``wanted`` are the repetitions of points that are not halved.
     """

@@ -30,11 +30,11 @@ class ObjectEstimate:
     high: FloatArray
 
     def of(self, number: int) -> tuple[float, float, float]:
-        """Value and limits of one object."""
+        """Return value and limits of one object."""
         return float(self.value[number]), float(self.low[number]), float(self.high[number])
 
     def columns(self, name: str) -> dict[str, FloatArray]:
-        """Values and limits by the name of the values."""
+        """Return values and limits by the name of the values."""
         return {name: self.value, f"{name}_low": self.low, f"{name}_high": self.high}
 
 
@@ -63,7 +63,7 @@ def object_values(
     return_periods: Sequence[float] = (),
     confidence: float = 0.95,
 ) -> ObjectValues:
-    """What reaches each object.
+    """Compute energies and heights of the blocks that reach each object.
 
     Parameters
     ----------
@@ -122,7 +122,7 @@ def _heights(
     edges: FloatArray,
     confidence: float,
 ) -> ObjectEstimate:
-    """95 % quantile of the passing height in the cells of each object, with an interval.
+    """Return 95 % quantile of the passing height in the cells of each object, with an interval.
 
     Limits by the order of as many independent blocks as the rate of the object and its variance
     are those of (binomial, taken as normal), but no more than arrive: where nearly all blocks

@@ -45,7 +45,7 @@ _FOREIGN = frozenset({"layer_styles", "run_metadata"})
 
 
 def observation_source(given: AnyObservations) -> Path | dict[str, InMemory]:
-    """A path, or tables in memory by their names; InputError for anything else."""
+    """Return a path, or tables in memory by their names; InputError for anything else."""
     if not isinstance(given, Mapping | str | PathLike):
         raise InputError(
             "cannot be used", field=KEY, found=type(given).__name__,
@@ -141,7 +141,7 @@ def validate_observations(
     drop_m: float = 0.0,
     density_kgm3: float = DENSITY_KGM3,
 ) -> list[ObservationFinding]:
-    """All that their owner should know about observations, as read or made up by a program.
+    """Return all that their owner should know about observations, as read or made up by a program.
 
     Errors come first; ``str`` gives one line that names file, table, column and row. Without the
     DEM, nothing is compared with the terrain.

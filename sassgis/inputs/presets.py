@@ -94,7 +94,7 @@ class _File(_Section):
 
 
 def preset_names() -> tuple[str, ...]:
-    """Names of the presets that come with sassgis."""
+    """Return names of the presets that come with sassgis."""
     files = (p.name for p in _FOLDER.iterdir() if p.name.endswith(".toml"))
     return tuple(sorted(name.removesuffix(".toml") for name in files))
 
@@ -254,7 +254,7 @@ def _meaning(loc: Place) -> str | None:
 
 
 def _nearest(loc: Place) -> str:
-    """The known key that an unknown one was probably meant to be."""
+    """Return the known key that an unknown one was probably meant to be."""
     model = _MODELS[str(loc[0])] if len(loc) > 1 else _File
     return nearest(str(loc[-1]), list(model.model_fields))
 

@@ -188,7 +188,9 @@ def _comments(
 def classes_csv(
     table: GroundTable, configured: GroundTable, provenance: Callable[[GroundClass], str]
 ) -> str:
-    """A table of ground classes; those that were changed get their provenance and what was before.
+    """Return a table of ground classes.
+
+    Those that were changed get their provenance and what was before.
 
     ``provenance`` gives a sentence for a class that was changed.
     """

@@ -104,7 +104,7 @@ def write_manifest(
 
 @cache
 def software_versions() -> Mapping[str, str]:
-    """Versions of Python, the platform and the libraries that make the numbers and the files."""
+    """List versions of Python, the platform and the libraries behind numbers and files."""
     versions = {
         "python": platform.python_version(),
         "platform": f"{platform.system()} {platform.machine()}",
@@ -118,7 +118,7 @@ def software_versions() -> Mapping[str, str]:
 
 
 def plain(value: object, digits: int | None = None) -> Any:
-    """The value as JSON knows it: dataclasses as objects, arrays as lists, infinity as text.
+    """Return the value as JSON knows it: dataclasses as objects, arrays as lists, infinity as text.
 
     With ``digits`` numbers are rounded to so many, and None stands for what is no finite one.
     TypeError if there is no such form.
@@ -146,7 +146,7 @@ def plain(value: object, digits: int | None = None) -> Any:
 
 
 def _input_entries(given: Input, base: Path) -> list[dict[str, object]]:
-    """Name and digest of an input, and of what belongs to it."""
+    """Return name and digest of an input, and of what belongs to it."""
     if isinstance(given, InMemory):
         return [{"path": given.name, "size": None, "sha256": given.digest}]
     return [_described(file, seen_from(base, file)) for file in files_of(given)]

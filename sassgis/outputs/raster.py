@@ -98,7 +98,7 @@ def _check_classes(layer: RasterLayer) -> None:
 
 
 def _number_type(layer: RasterLayer) -> tuple[str, float]:
-    """Type of the numbers in the file, and its nodata."""
+    """Return type of the numbers in the file, and its nodata."""
     if not layer.classes:
         return "float32", NODATA
     held = [np.array([0, *(entry.value for entry in layer.classes)], float)]
@@ -116,7 +116,7 @@ def _number_type(layer: RasterLayer) -> tuple[str, float]:
 
 
 def _frame_of(layer: RasterLayer, grid: Grid, number_type: str, nodata: float) -> dict[str, Any]:
-    """Size, type and place of the file of a map."""
+    """Return size, type and place of the file of a map."""
     return {
         "width": grid.shape[1], "height": grid.shape[0], "count": len(layer.bands),
         "dtype": number_type, "nodata": nodata, "crs": grid.crs or None,
@@ -125,7 +125,7 @@ def _frame_of(layer: RasterLayer, grid: Grid, number_type: str, nodata: float) -
 
 
 def _cog_options(layer: RasterLayer) -> dict[str, Any]:
-    """How GDAL makes the Cloud-Optimised GeoTIFF of a map."""
+    """Return how GDAL makes the Cloud-Optimised GeoTIFF of a map."""
     return {
         "driver": "COG",
         "compress": "DEFLATE",
@@ -168,7 +168,7 @@ def _describe(dataset: Any, layer: RasterLayer, grid: Grid, number_type: str) ->
 
 
 def _stored(band: Band, number_type: str, nodata: float) -> NDArray[Any]:
-    """Values of a band as they are in the file."""
+    """Return values of a band as they are in the file."""
     return np.where(np.isfinite(band.values), band.values, nodata).astype(number_type)
 
 

@@ -103,7 +103,7 @@ def site_template(
 
 
 def _plane(text: str) -> pyproj.CRS:
-    """The plane part of a projected system in metres."""
+    """Return the plane part of a projected system in metres."""
     system = crs_parts(parse_crs(text, field="--crs"))[0]
     if not system.is_projected or system.axis_info[0].unit_name not in ("metre", "meter"):
         problem, found = "is not a projected system in metres", str(system.name)
@@ -113,7 +113,7 @@ def _plane(text: str) -> pyproj.CRS:
 
 
 def _area_of_use(system: pyproj.CRS) -> tuple[float, float, float, float]:
-    """Where the system is meant to be used, in its own coordinates."""
+    """Return where the system is meant to be used, in its own coordinates."""
     area = system.area_of_use
     if area is None:
         return (0.0, 0.0, 1000.0, 1000.0)
@@ -155,7 +155,7 @@ def write_rockyfor3d_site(
 
 
 def sample_folder() -> Path:
-    """Folder of the samples: in the installed package, or beside it in a source tree.
+    """Return folder of the samples: in the installed package, or beside it in a source tree.
 
     Raises
     ------

@@ -188,7 +188,7 @@ def _key_table(change: ResultChange) -> ReportTable:
 def _at_places(
     title: str, rows: Sequence[ChangeRow], levels: Mapping[float, str], note: str = ""
 ) -> ReportTable:
-    """A row for each place, two columns for each quantity; levels by their names."""
+    """Return a row for each place, two columns for each quantity; levels by their names."""
     quantities = {r.quantity: _UNITS.get(r.unit, r.unit) for r in rows}
     found = {(r.name, r.quantity): r for r in rows}
     columns: list[tuple[str, str]] = [("name", "")]

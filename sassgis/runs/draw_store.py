@@ -28,14 +28,14 @@ class DrawProgress:
         self._on_progress, self._total, self._rocks, self._done = on_progress, total, rocks, 0
 
     def step(self) -> None:
-        """One draw more."""
+        """Count one draw more."""
         self._done += 1
         if self._on_progress is not None:
             self._on_progress(self._done, self._total, self._rocks * self._done)
 
 
 def told_tasks(run: TaskMap, n_rocks: int, on_progress: OnProgress | None) -> TaskMap:
-    """The map of tasks, which have a count of campaigns each, with its progress reported."""
+    """Return the map of tasks, which have a count of campaigns each, with its progress reported."""
 
     def told(function: Callable[[Any, Any], Any], tasks: Sequence[Any]) -> Iterator[Any]:
         rocks = sum(task.count for task in tasks) * n_rocks
@@ -64,7 +64,7 @@ class DrawStore:
         }
 
     def seen(self, trials: Sequence[Trial], *, run: RunNew, step: Callable[[], None]) -> list[Seen]:
-        """What trials show: those that are known, and those that ``run`` makes now.
+        """Return the results of trials: the known ones, and those that ``run`` makes now.
 
         What is made is saved now and then, and whatever happens.
         """

@@ -157,7 +157,7 @@ def propose_release(
 
 
 def _units(slopes: FloatArray, dem: Path, threshold_deg: float | None) -> SlopeUnits | None:
-    """The slope units; None if there are no cliffs and the user knows the threshold."""
+    """Return the slope units; None if there are no cliffs and the user knows the threshold."""
     try:
         return slope_units(slopes)
     except InputError as error:

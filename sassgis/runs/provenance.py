@@ -66,7 +66,7 @@ def write_origin(
 
 
 def provenance(config: Config) -> dict[str, str]:
-    """What reports say of their origin."""
+    """Return the statement of origin in reports."""
     return {
         "Program": f"sassgis {sassgis.__version__}",
         "Seed": str(config.run.seed),
@@ -75,7 +75,7 @@ def provenance(config: Config) -> dict[str, str]:
 
 
 def facts_of(config: Config, run: MapRun) -> dict[str, object]:
-    """What the maps rest on, for the GeoPackage and the report."""
+    """Return the facts that the maps rest on, for the GeoPackage and the report."""
     return {
         "program": f"sassgis {sassgis.__version__}",
         "model": "SASS (Bozzolo and Pamini, 1986)",
@@ -91,12 +91,12 @@ def facts_of(config: Config, run: MapRun) -> dict[str, object]:
 
 
 def made_on(config: Config) -> str:
-    """The date on sheets and in the report: that of the configuration, or today."""
+    """Return the date on sheets and in the report: that of the configuration, or today."""
     return config.project.date or date.today().isoformat()
 
 
 def byline(config: Config) -> tuple[str, ...]:
-    """Who made it, when, with which program; where to ask; whose data."""
+    """State who made it, when, with which program; where to ask; whose data."""
     project = config.project
     status = translated(project.status)
     parts = (status, project.author, made_on(config), f"sassgis {sassgis.__version__}",

@@ -166,7 +166,7 @@ def publish_map(
 def block_maps(
     config: Config, grid: Grid, sums: MapSums, sample: Sample, bins: Bins
 ) -> tuple[RasterLayer, ...]:
-    """Maps of the blocks themselves."""
+    """Return maps of the blocks themselves."""
     classes = config.output.energy_classes_kj
     return map_layers(sums, grid.shape, sample, bins.edges, grid.cell_size, classes)
 
@@ -202,7 +202,7 @@ def write_layers(
 
 
 def _counts(done: Simulation) -> dict[str, int]:
-    """Numbers of what was simulated, for the manifest and the GeoPackage."""
+    """Return numbers of what was simulated, for the manifest and the GeoPackage."""
     run, planned, progress = done.run, done.planned, done.progress
     ends = line_ends(progress)
     return {
@@ -312,7 +312,7 @@ def values_at_objects(
     return_periods: Sequence[float],
     heights: bool = True,
 ) -> ObjectValues:
-    """What reaches the exposed objects of a run; ``sampled`` with frequencies, if there are any."""
+    """Compute what reaches the exposed objects; ``sampled`` with frequencies if there are any."""
     run, bins = done.run, bins_of(done.run)
     own = sampled_sources(run, done.progress, None) if sampled is None else sampled
     return object_values(

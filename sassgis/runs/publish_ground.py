@@ -35,7 +35,7 @@ def with_spread(
     done: Simulation,
     preset: HazardPreset | None = None,
 ) -> Extras:
-    """The extras of a result with those of the draws, if there are any.
+    """Return the extras of a result with those of the draws, if there are any.
 
     Their areas are written, into a GeoPackage of their own: all other files of the result but
     project, report and manifest are those of a run without draws.

@@ -158,7 +158,7 @@ def run(
 def result_of(
     out: Path, done: Simulation, published: Published, drawn: DrawnGround | None
 ) -> RunResult:
-    """What a run left."""
+    """Return the result of a run."""
     reasons = {r: int(done.progress.reasons[r]) for r in StopReason}
     return RunResult(
         out, done.progress.simulated, reasons, published.warnings, done.seconds,

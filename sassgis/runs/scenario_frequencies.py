@@ -89,7 +89,7 @@ class ScenarioFrequencies:
         return out
 
     def toml(self) -> list[str]:
-        """Lines of the configuration, with a section for each scenario."""
+        """Return lines of the configuration, with a section for each scenario."""
         out = []
         for one in self.scenarios:
             assert one.frequency is not None

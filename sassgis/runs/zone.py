@@ -49,13 +49,13 @@ class ZoneResult:
 
 
 def prepared(job: Job, rules: Rules) -> Job:
-    """The job with the energies and objects at which the zoning needs counts."""
+    """Return the job with the energies and objects at which the zoning needs counts."""
     notices = (*job.notices, *rules.notices)
     return replace(job, run=with_rules(job.run, rules), notices=notices)
 
 
 def without_barriers(job: Job) -> Job:
-    """The job with its walls and nets as stations: they record blocks and stop none."""
+    """Return the job with its walls and nets as stations: they record blocks and stop none."""
     control_lines = tuple(
         (replace(line, kind="station"), trace) for line, trace in job.run.control_lines
     )
@@ -140,7 +140,7 @@ def write_zones(
 
 
 def assessed(rules: Rules, done: Simulation, without: Simulation | None) -> Assessment:
-    """What simulations with and without barriers say of hazard and risk."""
+    """Assess hazard and risk from simulations with and without barriers."""
     sampled = [
         None if s is None else sampled_sources(s.run, s.progress, rules.frequencies)
         for s in (done, without)

@@ -51,7 +51,7 @@ class RangeRule:
             )
 
     def limits(self, value: float) -> tuple[float, float]:
-        """The limits for a value, which always lies within them."""
+        """Return the limits for a value, which always lies within them."""
         low, high = self.low, self.high
         if self.kind == "offset":
             low, high = value + low, value + high
@@ -92,7 +92,7 @@ def ranges_of(
     rules: Sequence[RangeRule],
     parameters: Sequence[str] = RANGED,
 ) -> tuple[ParameterRange, ...]:
-    """Ranges of some parameters of some classes; those without width are left out.
+    """Return ranges of some parameters of some classes; those without width are left out.
 
     A rule of the class goes before one of EVERY_CLASS, a later rule before an earlier one.
     """
@@ -117,7 +117,7 @@ def ranges_of(
 
 
 def acting(engine: EngineSettings) -> tuple[str, ...]:
-    """Parameters that the readings of the engine use."""
+    """Return parameters that the readings of the engine use."""
     given = engine.resolved()
     rebound = ["restitution", "restitution_speed_mps", "mu_v"]
     idle = [] if given.eta_max_rule == "restitution" else rebound
@@ -127,7 +127,7 @@ def acting(engine: EngineSettings) -> tuple[str, ...]:
 
 
 def with_values(table: GroundTable, values: Mapping[tuple[str, str], float]) -> GroundTable:
-    """The classes with other values of some parameters, by class and parameter."""
+    """Return the classes with other values of some parameters, by class and parameter."""
     changed: dict[str, dict[str, float]] = {}
     for (name, parameter), value in values.items():
         own = table.classes[table.index(name)]

@@ -91,7 +91,7 @@ class SourceCounts:
 
     @classmethod
     def none(cls, n_energies: int) -> SourceCounts:
-        """No block arrived anywhere."""
+        """Return counts of no block arriving anywhere."""
         empty = np.zeros((0, n_energies), np.int64)
         return cls(np.empty(0, np.int64), empty, empty.copy())
 
@@ -105,7 +105,7 @@ class DrawnPoints:
     freedom: FloatArray  # shape (n, n_energies); degrees of freedom of the variance
 
     def part(self, rows: Rows, columns: Rows) -> DrawnPoints:
-        """That of some places and energies."""
+        """Return that of some places and energies."""
         return DrawnPoints(self.rate_of_a_point[rows][:, columns], self.freedom[rows][:, columns])
 
 
@@ -137,7 +137,7 @@ class HazardCurves:
         return math.inf if self.drawn is None else self.drawn.freedom
 
     def part(self, rows: Rows, columns: Rows = _ALL) -> HazardCurves:
-        """The curves of some places, at some of their energies."""
+        """Return the curves of some places, at some of their energies."""
         return HazardCurves(
             self.places[rows],
             self.energies_kj[columns],
@@ -148,7 +148,7 @@ class HazardCurves:
         )
 
     def column(self, energy_kj: float) -> int:
-        """Position of an energy among ``energies_kj``.
+        """Return position of an energy among ``energies_kj``.
 
         Raises
         ------
@@ -491,7 +491,7 @@ class ZoningSettings(Section):
     def drawing(
         self, sheet: SheetRules | None, ref_width_m: float, spacing_m: float, cell_size: float
     ) -> Drawing:
-        """How zones are drawn by the rules of a preset."""
+        """Return how zones are drawn by the rules of a preset."""
         mm = self.scale / 1000.0
         rules = SheetRules(0, 0, 0, 0, 0, Provenance("", False)) if sheet is None else sheet
 

@@ -28,11 +28,11 @@ class ObjectCells:
 
     @classmethod
     def none(cls) -> ObjectCells:
-        """No object."""
+        """Return a set of no objects."""
         return cls(0, np.empty(0, np.int64), np.empty(0, np.int64))
 
     def under(self, cells: IntArray) -> tuple[IntArray, IntArray]:
-        """The objects on each of some cells (flat indices, ascending)."""
+        """Return the objects on each of some cells (flat indices, ascending)."""
         first = np.searchsorted(self.cell, cells, side="left")
         size = np.searchsorted(self.cell, cells, side="right") - first
         offset = np.concatenate([[0], np.cumsum(size)]).astype(np.int64)
@@ -59,7 +59,7 @@ class Window:
     radius: float
 
     def steps(self) -> tuple[IntArray, IntArray]:
-        """Rows and columns from the middle of a window to each cell that its disk meets."""
+        """Return rows and columns from the middle of a window to each cell that its disk meets."""
         reach = math.ceil(self.radius + 0.5)
         step = np.arange(-reach, reach + 1)
         gap2 = np.maximum(np.abs(step) - 0.5, 0.0) ** 2
@@ -68,7 +68,7 @@ class Window:
         return drow, dcol
 
     def around(self, cells: IntArray) -> tuple[IntArray, IntArray, IntArray]:
-        """Windows whose disk meets any of some cells (flat indices).
+        """Return windows whose disk meets any of some cells (flat indices).
 
         Returns
         -------
@@ -146,7 +146,7 @@ class MapRun:
     rim: tuple[int, int, int, int] = (0, 0, 0, 0)
 
     def sides_met(self, looked_at: tuple[int, int, int, int]) -> tuple[bool, bool, bool, bool]:
-        """On which sides (north, east, south, west) paths looked into the rim of the grid.
+        """Find on which sides (north, east, south, west) paths looked into the rim of the grid.
 
         ``looked_at`` as of Simulated.
         """
@@ -229,7 +229,7 @@ class BlockRows:
         scenario: int,
         weight: int,
     ) -> BlockRows:
-        """Rows of blocks of one scenario that all count as often."""
+        """Return rows of blocks of one scenario that all count as often."""
         blocks, passed = (
             (np.full(n, scenario), np.full(n, weight)) for n in (rocks.size, passages.size)
         )

@@ -48,7 +48,9 @@ def require_memory(need: Mapping[str, int], file: object = None, most: int | Non
 
 
 def memory_bytes(root: Path = Path("/")) -> int | None:
-    """Memory that this process has and may still take (bytes); None where it cannot be known.
+    """Return memory that this process has and may still take (bytes).
+
+    None where it cannot be known.
 
     What the machine has available, or less where a control group (a container, a batch system)
     allows less. ``root`` is where the files of the system lie.
@@ -69,7 +71,7 @@ def _machine(root: Path) -> int | None:
 
 
 def _groups(root: Path) -> Iterator[int | None]:
-    """What the control groups of this process, and those around them, leave (bytes)."""
+    """Yield what the control groups of this process, and those around them, leave (bytes)."""
     for line in _text(root / "proc/self/cgroup").splitlines():
         _, kinds, group = line.split(":", 2)
         if kinds and "memory" not in kinds.split(","):
@@ -92,7 +94,7 @@ def _text(file: Path) -> str:
 
 
 def _stated(file: Path, name: str) -> int | None:
-    """The number behind a name at the begin of a line."""
+    """Return the number behind a name at the begin of a line."""
     rows = (line.split() for line in _text(file).splitlines())
     return next((int(row[1]) for row in rows if row[:1] == [name]), None)
 

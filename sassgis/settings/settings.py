@@ -531,7 +531,7 @@ class EngineSettings(Section):
     ] = 5.0
 
     def resolved(self) -> EngineSettings:
-        """The same settings with every key of the named set filled in.
+        """Return the same settings with every key of the named set filled in.
 
         In "hazard" ``rolling_threshold`` stays None: the column of the ground class counts.
         """

@@ -63,7 +63,7 @@ class WorkerProcess:
         self._holds: bytes | None = None
 
     def do(self, common: bytes, call: bytes) -> Any:
-        """The result of a pickled (work, task), with what is common to the tasks, also pickled.
+        """Return result of a pickled (work, task), with what is common to the tasks, also pickled.
 
         Raises what the work raises, and WorkerLost.
         """
@@ -85,7 +85,7 @@ class WorkerProcess:
         return result
 
     def runs(self) -> bool:
-        """Whether the process has not ended."""
+        """Return whether the process has not ended."""
         return self._popen.poll() is None
 
     def kill(self) -> None:
@@ -108,7 +108,7 @@ def _send(pipe: IO[bytes], message: bytes) -> None:
 
 
 def serve() -> None:
-    """In a worker process: work on what comes by standard input, and end where that ends."""
+    """Work on what comes by standard input in a worker process, and end where that ends."""
     # They reach all processes of a terminal; the first one sees to the others.
     for number in OF_TERMINALS:
         signal.signal(number, signal.SIG_IGN)
@@ -137,7 +137,7 @@ def _listen(calls: IO[bytes], came: SimpleQueue[bytes]) -> None:
 
 
 def _answer(common: Any, call: bytes) -> bytes:
-    """The pickled result of a task and None, or None and its error."""
+    """Return the pickled result of a task and None, or None and its error."""
     try:
         work, task = pickle.loads(call)
         return pickle.dumps((work(common, task), None), pickle.HIGHEST_PROTOCOL)

@@ -88,7 +88,7 @@ def profiles(
 def chainage_to_xy(
     traces: TraceSet, line: IntArray | int, s: FloatArray | float
 ) -> tuple[FloatArray, FloatArray]:
-    """Coordinates (m) of chainages (m) on their lines; NaN for one that is not on its line.
+    """Return coordinates (m) of chainages (m) on their lines; NaN for one that is not on its line.
 
     ``line`` and ``s`` are broadcast.
 
@@ -111,7 +111,7 @@ def chainage_to_xy(
 def xy_to_chainage(
     traces: TraceSet, line: IntArray | int, x: FloatArray | float, y: FloatArray | float
 ) -> tuple[FloatArray, FloatArray]:
-    """Chainage of the point of a line that is nearest to points of the map, and the distance (m).
+    """Return the chainage of a line's point nearest to points of the map, and the distance (m).
 
     ``line``, ``x`` and ``y`` are broadcast. If two points are equally near, the chainage is the
     smaller one. The distance is positive to the right of the line in its direction.
@@ -125,7 +125,7 @@ def xy_to_chainage(
 
 
 def crossings(traces: TraceSet, control_line_line: FloatArray) -> tuple[IntArray, FloatArray]:
-    """Where a polyline on the map is crossed by fall lines.
+    """Return where a polyline on the map is crossed by fall lines.
 
     Parameters
     ----------
@@ -305,7 +305,7 @@ def _sample(
 def _kept(
     s: FloatArray, z: FloatArray, fixed: NDArray[np.bool_], tolerance: float
 ) -> NDArray[np.bool_]:
-    """Samples to keep so that all others are within the tolerance of the segments."""
+    """Return samples to keep so that all others are within the tolerance of the segments."""
     keep = fixed.copy()
     begin = 0
     # Each split adds at most one waiting stretch.

@@ -28,7 +28,7 @@ _EDGE = 0.25
 
 
 def narrow_parts(polygon: shapely.Polygon, spacing_m: float) -> list[shapely.Polygon]:
-    """Parts of a polygon that are narrower than the spacing and longer than two spacings."""
+    """Return parts of a polygon that are narrower than the spacing and longer than two spacings."""
     half = _HALF_WIDTH * spacing_m
     wide = polygon.buffer(-half, join_style="mitre")
     wide = wide.buffer(half + _APART * spacing_m, join_style="mitre")
@@ -42,7 +42,7 @@ def narrow_parts(polygon: shapely.Polygon, spacing_m: float) -> list[shapely.Pol
 def points_along(
     polygon: shapely.Polygon, parts: Sequence[shapely.Polygon], count: int, spacing_m: float
 ) -> tuple[FloatArray, FloatArray]:
-    """So many points along the narrow parts of a polygon, each for an equal area of them.
+    """Return so many points along the narrow parts of a polygon, each for an equal area of them.
 
     Returns
     -------
@@ -80,12 +80,12 @@ def points_along(
 
 
 def square(side_m: float) -> FloatArray:
-    """Sides of a square, as in ReleasePoints, shape (2, 2)."""
+    """Return sides of a square, as in ReleasePoints, shape (2, 2)."""
     return np.array([[side_m, 0.0], [0.0, -side_m]])
 
 
 def _walk(part: shapely.Polygon, edge_m: float) -> tuple[FloatArray, FloatArray]:
-    """Triangles of a narrow part from one end to the other, branch by branch.
+    """Return triangles of a narrow part from one end to the other, branch by branch.
 
     Returns
     -------
@@ -112,7 +112,7 @@ def _walk(part: shapely.Polygon, edge_m: float) -> tuple[FloatArray, FloatArray]
 
 
 def _neighbours(corners: IntArray, n_vertices: int) -> csr_array:
-    """Which triangles share an edge; a row of three vertices each."""
+    """Return which triangles share an edge; a row of three vertices each."""
     ends = np.sort(corners[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1)
     edge = ends[:, 0] * n_vertices + ends[:, 1]
     owner = np.repeat(np.arange(len(corners)), 3)

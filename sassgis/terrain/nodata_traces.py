@@ -79,7 +79,7 @@ def nodata_traces(values: FloatArray, cell_m: float) -> NodataTraces:
 
 
 def _gap_m(values: FloatArray, false: BoolArray, walls: BoolArray) -> float:
-    """How far false cells lie below the calm ground behind the walls that they are or touch (m)."""
+    """Return how far false cells lie below the calm ground behind their walls (m)."""
     clusters, _ = ndimage.label(walls, _AROUND)
     met = np.unique(clusters[ndimage.binary_dilation(false, _AROUND)])
     behind = ndimage.binary_dilation(np.isin(clusters, met[met > 0]), _AROUND)
@@ -91,7 +91,7 @@ def _gap_m(values: FloatArray, false: BoolArray, walls: BoolArray) -> float:
 
 
 def _parted(values: FloatArray, walls: BoolArray, far_m: float) -> BoolArray:
-    """Cells that walls part from all other ground, far below it."""
+    """Return cells that walls part from all other ground, far below it."""
     if not walls.any():
         return walls
     known = np.isfinite(values)
@@ -109,7 +109,7 @@ def _parted(values: FloatArray, walls: BoolArray, far_m: float) -> BoolArray:
 
 
 def _walls(values: FloatArray, wall_m: float) -> tuple[BoolArray, BoolArray]:
-    """Cells with a neighbour that is higher by a wall, and those with one that is lower."""
+    """Return cells with a neighbour that is higher by a wall, and those with one that is lower."""
     low, high = np.zeros(values.shape, np.bool_), np.zeros(values.shape, np.bool_)
     for axis in (0, 1):
         step = np.diff(np.moveaxis(values, axis, 0), axis=0)
@@ -124,7 +124,7 @@ def _walls(values: FloatArray, wall_m: float) -> tuple[BoolArray, BoolArray]:
 def _areas_below(
     values: FloatArray, calm: BoolArray, beside: IntArray, cluster: IntArray, far_m: float
 ) -> BoolArray:
-    """Areas of calm cells that are parted by walls from all else and lie far below it.
+    """Return areas of calm cells that are parted by walls from all else and lie far below it.
 
     ``beside`` are the calm cells beside walls (flat indices), ``cluster`` the walls of each.
     """
@@ -147,7 +147,7 @@ def _areas_below(
 
 
 def _relief(values: FloatArray, cells: IntArray, within: int) -> tuple[FloatArray, FloatArray]:
-    """How far the ground within some cells of others (flat indices) rises and falls (m)."""
+    """Return how far the ground within some cells of others (flat indices) rises and falls (m)."""
     row, col = np.divmod(cells, values.shape[1])
     own = values.ravel()[cells]
     above, below = np.zeros(cells.size), np.zeros(cells.size)
@@ -162,7 +162,7 @@ def _relief(values: FloatArray, cells: IntArray, within: int) -> tuple[FloatArra
 
 
 def _rims(values: FloatArray, known: BoolArray, low: BoolArray, far_m: float) -> BoolArray:
-    """Cells of rims of nodata that lie ``low`` beside a wall, where most do, or many far below."""
+    """Find cells of nodata rims that lie ``low`` next to a wall if most do, or many far below."""
     holes, n_holes = ndimage.label(~known, _AROUND)
     rim = known & ndimage.binary_dilation(~known, _AROUND)
     cells = np.flatnonzero(rim & low)

@@ -58,7 +58,7 @@ _MADE_UP = 0.75
 
 
 def _mass_scores(which: int) -> Scoring:
-    """What of the budget is scored: 0, missing and lying in pieces; 1, in addition."""
+    """Score the budget: 0, missing and lying in fragments; 1, in addition."""
 
     def scores(case: Case, residuals: ResidualTable) -> Scores:
         blocks, rocks = deposit_masses_kg(case.observations), case.mass_kg
@@ -79,7 +79,7 @@ def _mass_scores(which: int) -> Scoring:
 
 
 def _scatter(case: Case) -> float:
-    """Relative scatter of the mass of a whole rock as it lies about that as it was released.
+    """Return relative scatter of the mass of a whole rock as it lies about that as it was released.
 
     As it is seen where rocks lie under their names, else from the stated error of a mass.
     """
@@ -95,7 +95,7 @@ def _scatter(case: Case) -> float:
 
 
 def _score(which: int, rocks: FloatArray, blocks: FloatArray, error: float) -> Scores:
-    """The budget of some rocks and blocks against what the scatter of masses makes of it."""
+    """Return the budget of some rocks and blocks against what the scatter of masses makes of it."""
     if rocks.size < LEAST:
         raise Unseen
     rng = np.random.default_rng(1986)
@@ -112,7 +112,7 @@ def _score(which: int, rocks: FloatArray, blocks: FloatArray, error: float) -> S
 
 
 def _may_be_either(case: Case) -> bool:
-    """Whether blocks without a name may as well be pieces of rocks that nobody found.
+    """Return whether blocks without a name may as well be pieces of rocks that nobody found.
 
     All rocks but a few lie under their names, and no piece bears the name of its rock.
     """
@@ -123,17 +123,20 @@ def _may_be_either(case: Case) -> bool:
 
 
 def _has_nameless(case: Case) -> bool:
-    """Whether a block lies that bears no name of a rock."""
+    """Return whether a block lies that bears no name of a rock."""
     return bool((case.observations.rock_of("deposits") < 0).any())
 
 
 def _not_found(case: Case) -> NDArray[np.bool_]:
-    """Rocks of which nothing lies under their name."""
+    """Return rocks of which nothing lies under their name."""
     return ~np.isin(np.arange(case.n_rocks), case.observations.rock_of("deposits"))
 
 
 def _gone(case: Case) -> NDArray[np.bool_]:
-    """Rocks that passed the last station whole and do not lie: they left the surveyed ground."""
+    """Return rocks that passed the last station whole and do not lie.
+
+    They left the surveyed ground.
+    """
     gone = np.zeros(case.n_rocks, bool)
     seen = case.observations
     if not case.station_names or not len(seen.passages):
@@ -159,7 +162,7 @@ def _gone(case: Case) -> NDArray[np.bool_]:
 
 
 def _unexplained(case: Case, left: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """Rocks that nobody found though they are not known to have left, unless pieces lie for them.
+    """List rocks not found and not known to have left, unless fragments lie for them.
 
     Where pieces bear the names of their rocks they do; else what has no name must weigh as much.
     """
@@ -172,7 +175,7 @@ def _unexplained(case: Case, left: NDArray[np.bool_]) -> NDArray[np.bool_]:
 
 
 def mass_budget(rocks: FloatArray, blocks: FloatArray) -> tuple[float, float]:
-    """Shares of the released mass that are missing and lie in pieces, and that came in addition.
+    """Compute shares of the released mass that are missing, in fragments, and additional.
 
     ``rocks``, ``blocks``: masses (kg), in any order.
     """
@@ -215,7 +218,7 @@ def _broken(case: Case, draws: ParameterDraws) -> CausePart:
 
 
 def _named_pieces(case: Case, residuals: ResidualTable) -> Scores:
-    """Rocks of which blocks lie that bear their name as pieces (R7.2 of R7)."""
+    """Return rocks of which blocks lie that bear their name as pieces (R7.2 of R7)."""
     seen = case.observations
     if not len(seen.deposits):
         raise Unseen

@@ -52,7 +52,7 @@ def _draw(case: Case, draws: ParameterDraws) -> CausePart:
 
 
 def _on_one_ground(case: Case, residuals: ResidualTable) -> Scores:
-    """The yielding ground on which the loss is surest."""
+    """Return the yielding ground on which the loss is surest."""
     rows, z = contact_gaps(residuals, "normal_speed_mps")
     lost = []
     for k in np.unique(rows.ground).tolist():

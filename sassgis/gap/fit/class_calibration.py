@@ -108,7 +108,7 @@ class CalibrationTask:
         )
 
     def model(self, site: SiteData, shares: FloatArray) -> HypothesisModel:
-        """A site as configured, with parameters at shares of their ranges."""
+        """Return a site as configured, with parameters at shares of their ranges."""
         return configured_model(site.case, table_with(site.case.table, self.parameters, shares))
 
 
@@ -119,7 +119,10 @@ def calibration_task(
     rules: Sequence[RangeRule],
     seed: int,
 ) -> CalibrationTask:
-    """The parameters of some classes at some sites; ``rules`` say how values vary between sites."""
+    """Return the parameters of some classes at some sites.
+
+    ``rules`` say how values vary between sites.
+    """
     parameters: list[ClassParameter] = []
     for own in class_names:
         table = next(s.case.table for s in sites if own in s.case.table.names)
@@ -128,13 +131,13 @@ def calibration_task(
 
 
 def budget_of(task: CalibrationTask, draws: int | None) -> FitBudget:
-    """Draws of each round; default: 4 for each parameter, at least 32."""
+    """Return draws of each round; default: 4 for each parameter, at least 32."""
     own = draws or max(_DRAWS, _EACH * len(task.parameters))
     return FitBudget(_ROUNDS, own, COUNT, _LOOKED, _LIMIT, _LAST * own)
 
 
 def run_trial(task: CalibrationTask, trial: Trial) -> Seen:
-    """Numbers of all sites, one after the other, and the mean score of the rocks."""
+    """Return numbers of all sites, one after the other, and the mean score of the rocks."""
     shares = Prior.of(task.parameters).shares(trial.at)
     numbers, scores = [], []
     for site in task.summaries:
@@ -151,7 +154,7 @@ RunSites = Callable[[Sequence[SiteAt]], Sequence[Misfits]]
 
 
 def run_site(task: CalibrationTask, at: SiteAt) -> Misfits:
-    """Observed less simulated numbers of a site at some parameters."""
+    """Return observed less simulated numbers of a site at some parameters."""
     site = task.summaries[at[0]]
     problem = site.problem
     parts = np.arange(task.n_parts)[:, None]
@@ -198,7 +201,7 @@ class FinalTask:
 
 
 def final_prediction(task: CalibrationTask, final: FinalTask) -> Prediction:
-    """Prediction of the rocks of a site."""
+    """Predict the rocks of a site."""
     site = task.sites[final.site]
     model = configured_model(site.case) if final.shares is None else task.model(site, final.shares)
     return prediction(site, model, final.number, FINAL_COUNT)
@@ -208,7 +211,7 @@ RunFinals = Callable[[Sequence[FinalTask]], Sequence[Prediction]]
 
 
 def held_out(task: CalibrationTask, found: Calibrated, run: RunFinals) -> list[Prediction]:
-    """Prediction of each rock with parameters chosen on the rocks of the other parts, by site."""
+    """Predict each rock with parameters chosen on the rocks of the other parts, by site."""
     whole, prior = together(found.told), Prior.of(task.parameters)
     tasks = []
     for part in range(task.n_parts):
@@ -289,13 +292,13 @@ class SiteCalibration:
         return phrase("Keep the configured ground. The gain may be chance: {}.", of_gain)
 
     def table(self, configured: GroundTable) -> GroundTable:
-        """A table with the calibrated values."""
+        """Return a table with the calibrated values."""
         shares = np.array([f.share for f in self.fitted])
         return table_with(configured, [f.parameter for f in self.fitted], shares)
 
 
 def result_of(task: CalibrationTask, found: Calibrated, run: RunFinals) -> SiteCalibration:
-    """What the search says, and how well it fits rocks left out."""
+    """Return the result of the search, and how well it fits rocks left out."""
     posterior, parameters = found.posterior, task.parameters
     prior = Prior.of(parameters)
     own = [prior.shares(told.estimate()[0]) for told in found.told]
@@ -350,7 +353,7 @@ def result_of(task: CalibrationTask, found: Calibrated, run: RunFinals) -> SiteC
 
 
 def _of_units(site: SiteData, predicted: Prediction) -> FloatArray:
-    """Score of each unit, added over the tables."""
+    """Return the score of each unit, added over the tables."""
     return site.per_unit(added(predicted.scores))
 
 
@@ -395,7 +398,7 @@ class BetweenSites:
 
 
 def between_sites(values: FloatArray, errors: FloatArray, scale: float) -> BetweenSites:
-    """Posterior of mean and spread by quadrature.
+    """Return posterior of mean and spread by quadrature.
 
     Parameters
     ----------
@@ -436,7 +439,7 @@ def between_sites(values: FloatArray, errors: FloatArray, scale: float) -> Betwe
 def class_spread(
     found: Sequence[SiteValue], known: Sequence[ParameterRange]
 ) -> tuple[RangeRule, ...]:
-    """Rows of a table of ranges: the middle 90 % of what a new site may have.
+    """Return rows of a table of ranges: the middle 90 % of what a new site may have.
 
     ``known``: what was assumed before; parameters without such a range are left out.
     """
@@ -470,7 +473,7 @@ def class_spread(
 def spread_of_sites(
     task: CalibrationTask, found: Calibrated, rules: Sequence[RangeRule]
 ) -> tuple[RangeRule, ...]:
-    """What class_spread says of the calibrated classes; ``rules`` are those from before."""
+    """Return class_spread of the calibrated classes; ``rules`` are those from before."""
     tables = {name: site.case.table for site in task.sites for name in site.case.table.names}
     known = [
         own
@@ -481,7 +484,7 @@ def spread_of_sites(
 
 
 def site_values(task: CalibrationTask, found: Calibrated) -> tuple[SiteValue, ...]:
-    """Values that the rocks of each site alone leave, and their standard errors.
+    """Return values that the rocks of each site alone leave, and their standard errors.
 
     What the rocks do not tell scatters over its range.
     """

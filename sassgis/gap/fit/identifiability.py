@@ -56,7 +56,7 @@ class Told:
     scatter: FloatArray
 
     def estimate(self, prior: float = 1.0) -> tuple[FloatArray, FloatArray]:
-        """Parameters, shape (d,), and their covariance, with a prior of this precision.
+        """Return parameters, shape (d,), and their covariance, with a prior of this precision.
 
         The covariance is that of the error of a linear estimate whose weights need not be the best
         ones (the sandwich of White 1982, Econometrica 50, 1-25): the weights are those of
@@ -68,12 +68,12 @@ class Told:
         return np.asarray(found), np.asarray(gain @ (self.scatter + own) @ gain.T)
 
     def estimate_without(self, part: int) -> FloatArray:
-        """Parameters for the rocks of the other parts, shape (d,)."""
+        """Return parameters for the rocks of the other parts, shape (d,)."""
         return replace(self, pull=self.without[part]).estimate()[0]
 
 
 def told_by(found: LinearFit, sites: Sequence[Misfits]) -> tuple[Told, ...]:
-    """What the rocks of each site say; the numbers of ``found`` are those of the sites joined."""
+    """Return the evidence of each site's rocks; numbers of ``found`` are those of joined sites."""
     out, first = [], 0
     for site in sites:
         rows = slice(first, first := first + site.whole.size)
@@ -95,13 +95,13 @@ def told_by(found: LinearFit, sites: Sequence[Misfits]) -> tuple[Told, ...]:
 
 
 def together(sites: Sequence[Told]) -> Told:
-    """What the rocks of all sites say."""
+    """Combine the rocks of all sites."""
     names = ("precision", "pull", "without", "scatter")
     return Told(sites[0].best, *(np.sum([getattr(s, n) for s in sites], axis=0) for n in names))
 
 
 def small_sample_factor(n: int) -> float:
-    """By how much few rocks drawn anew scatter too little, as a ratio of variances.
+    """Return by how much few rocks drawn anew scatter too little, as a ratio of variances.
 
     Rocks that are drawn anew scatter by (n − 1)/n of the variance of a mean, and an interval from n
     of them needs Student's instead of the normal quantile.
@@ -152,7 +152,7 @@ class Fitted:
 def fitted_parameters(
     parameters: Sequence[ClassParameter], posterior: Posterior
 ) -> tuple[Fitted, ...]:
-    """Values, intervals, and what the observations identify."""
+    """Return values, intervals, and what the observations identify."""
     found = []
     usual = norm.ppf([[0.025], [0.975]]) * np.ones(len(parameters))
     before = Prior.of(parameters).shares(usual)
@@ -178,7 +178,7 @@ def fitted_parameters(
 
 
 def identified_combinations(covariance: FloatArray) -> int:
-    """Number of combinations of the parameters that the observations identify.
+    """Return number of combinations of the parameters that the observations identify.
 
     Where two parameters can make up for each other, neither is identified by itself, yet a
     combination of both is: a direction in which the posterior, shape (d, d), is clearly narrower
@@ -197,7 +197,7 @@ class TradeOff:
 
 
 def trade_offs(labels: Sequence[str], covariance: FloatArray) -> tuple[TradeOff, ...]:
-    """Pairs of parameters that make up for each other, the strongest first."""
+    """Return pairs of parameters that make up for each other, the strongest first."""
     sd = np.sqrt(np.diag(covariance))
     r = covariance / np.outer(sd, sd)
     pairs = [
@@ -209,7 +209,7 @@ def trade_offs(labels: Sequence[str], covariance: FloatArray) -> tuple[TradeOff,
 
 
 def as_good(posterior: Posterior) -> FloatArray:
-    """Combinations that fit as well as the best, as far apart as possible, shape (n, d).
+    """Return combinations that fit as well as the best, as far apart as possible, shape (n, d).
 
     By the observations alone they are among the better half of the posterior.
     """
@@ -224,7 +224,7 @@ def as_good(posterior: Posterior) -> FloatArray:
 def classes_alike(
     parameters: Sequence[ClassParameter], posterior: Posterior
 ) -> tuple[tuple[str, str], ...]:
-    """Pairs of classes that the observations cannot tell apart.
+    """Return pairs of classes that the observations cannot tell apart.
 
     Two classes are told apart if the 95 % interval of the difference of one of their parameters,
     corrected for the number of parameters, does not contain zero. The interval is that with next to
@@ -248,7 +248,7 @@ def classes_alike(
 def contradicting(
     sites: Sequence[Told], common: Sequence[float], own_best: Sequence[float], seed: int
 ) -> bool:
-    """Whether the common parameters are worse for sites than chance explains, and by much.
+    """Return whether the common parameters are worse for sites than chance explains, and by much.
 
     ``common``, ``own_best``: mean scores of the rocks of each site at the common parameters, and at
     the best ones of the site.
@@ -262,7 +262,7 @@ def contradicting(
     own = [site.precision + _NEXT_TO_NONE * np.eye(site.best.size) for site in sites]
 
     def bettered(pulls: Sequence[FloatArray]) -> FloatArray:
-        """Twice the logarithmic likelihood, from pulls of shape (n, d) by site."""
+        """Return twice the logarithmic likelihood, from pulls of shape (n, d) by site."""
         alone = np.sum([_squared(a, x) for a, x in zip(own, pulls, strict=True)], axis=0)
         return np.asarray(alone - _squared(np.sum(own, axis=0), np.sum(pulls, axis=0)))
 

@@ -95,7 +95,7 @@ class Errors:
 
 
 def errors_of(case: Case) -> Errors:
-    """Errors of measurement of the observations of a case."""
+    """Return errors of measurement of the observations of a case."""
     meta, usual = case.observations.metadata, Errors()
     position_m = stated_or(meta.position_error_m, usual.position_m)
     return Errors(
@@ -109,7 +109,7 @@ def errors_of(case: Case) -> Errors:
 
 
 def observed_campaign(case: Case) -> Campaign:
-    """The observed campaign of a case."""
+    """Return the observed campaign of a case."""
     seen = case.observations
     return Campaign(
         case.n_rocks,
@@ -162,7 +162,7 @@ def _impacts(case: Case) -> ImpactRows:
 
 
 def main_blocks(rows: DepositRows, n_rocks: int) -> NDArray[np.int64]:
-    """Row of the largest block that is left of each rock; -1 where none was found.
+    """Return row of the largest block that is left of each rock; -1 where none was found.
 
     Where masses are unknown the whole rock, or the first piece, counts.
     """

@@ -51,7 +51,7 @@ def _coordinate(name: str, what: str, *stems: str) -> Column:
 
 
 def _columns_of(declaring: type) -> tuple[Column, ...]:
-    """Columns that the fields of a dataclass are annotated with."""
+    """Return columns that the fields of a dataclass are annotated with."""
     return tuple(
         replace(column, name=name)
         for name, hint in get_type_hints(declaring, include_extras=True).items()
@@ -95,7 +95,7 @@ class Table:
 
     @classmethod
     def columns(cls) -> tuple[Column, ...]:
-        """Columns of a file of this table, in the order of a template."""
+        """Return columns of a file of this table, in the order of a template."""
         return _columns_of(cls)
 
     @classmethod
@@ -145,7 +145,7 @@ class Table:
         return frozenset(k for k, v in self.numbers.items() if bool(np.isfinite(v).any()))
 
     def take(self: T, which: IntArray | NDArray[np.bool_]) -> T:
-        """Rows by number or mask."""
+        """Return rows by number or mask."""
         index = np.arange(len(self))[which]
         taken = {
             f.name: tuple(getattr(self, f.name)[i] for i in index)
@@ -204,7 +204,7 @@ class Stations(Table):
 
     @classmethod
     def columns(cls) -> tuple[Column, ...]:
-        """The name, and the ends of the line."""
+        """Return the name, and the ends of the line."""
         return (
             *_columns_of(cls),
             *(

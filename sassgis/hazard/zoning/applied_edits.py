@@ -52,12 +52,18 @@ class AppliedEdit:
 
 
 def shares_text(shares: Mapping[str, float]) -> str:
-    """Shares of levels as the column ``computed`` has them: "mean 62 %, residual_hazard 38 %"."""
+    """Return shares of levels as the column ``computed`` has them.
+
+    "mean 62 %, residual_hazard 38 %".
+    """
     return ", ".join(f"{code} {100.0 * share:.0f} %" for code, share in shares.items())
 
 
 def shares_of_text(text: str) -> dict[str, float]:
-    """Shares of levels from their text; what it does not name has no level. Empty if it is none."""
+    """Return shares of levels from their text.
+
+    What it does not name has no level. Empty if it is none.
+    """
     shares: dict[str, float] = {}
     for code, share in re.findall(r"([A-Za-z]\w*) ([0-9.]+) %", text):
         shares[code] = shares.get(code, 0.0) + float(share) / 100.0
@@ -68,7 +74,7 @@ def shares_of_text(text: str) -> dict[str, float]:
 
 
 def share_of(area: Any, grid: Grid, cells: IntArray, values: FloatArray) -> float:
-    """Mean over an area of values of cells (flat indices), 0 elsewhere; the area may be narrower
+    """Average values of cells (flat indices, 0 elsewhere) over an area, which may be narrower
     than a cell.
     """
     x, y = grid.cell_centres(cells)
@@ -87,7 +93,7 @@ def share_of(area: Any, grid: Grid, cells: IntArray, values: FloatArray) -> floa
 def with_edits(
     zones: Coverage, edits: Sequence[Edit], codes: Sequence[str]
 ) -> tuple[Coverage, IntArray, tuple[AppliedEdit, ...]]:
-    """Zones with the edits of experts, later ones over earlier ones.
+    """Return zones with the edits of experts, later ones over earlier ones.
 
     Parameters
     ----------
@@ -133,7 +139,7 @@ def with_edits(
 
 
 def _acts(edit: Edit, level: IntArray) -> Any:
-    """Where an edit changes a level, or confirms it with its own."""
+    """Return where an edit changes a level, or confirms it with its own."""
     if edit.limit == "at_least":
         return level < edit.level
     if edit.limit == "at_most":
@@ -142,7 +148,7 @@ def _acts(edit: Edit, level: IntArray) -> Any:
 
 
 def _shares(level: IntArray, area: FloatArray, codes: Sequence[str]) -> dict[str, float]:
-    """Share of an area by level, from high to low; without what rounds to nothing."""
+    """Return share of an area by level, from high to low; without what rounds to nothing."""
     of_level = np.bincount(level, area, len(codes) + 1) / area.sum()
     names = [NO_LEVEL, *codes]
     order = range(len(codes), -1, -1)

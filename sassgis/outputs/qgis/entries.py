@@ -87,7 +87,7 @@ class LayerGroup:
 
 
 def without_empty(group: LayerGroup) -> LayerGroup:
-    """A group without layers that have no features, and without groups that have no layers."""
+    """Return group without layers that have no features, and without groups that have no layers."""
 
     def filled(member: LayerEntry | LayerGroup) -> bool:
         if isinstance(member, LayerGroup):

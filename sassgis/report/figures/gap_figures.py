@@ -152,7 +152,7 @@ def _draw_stretches(
 
 
 def _row_label(finding: GapFinding, rows: Sequence[GapFinding]) -> str:
-    """In the language of the figure: labels of an axis are set anew when it is drawn."""
+    """Label in the language of the figure: labels of an axis are set anew when it is drawn."""
     place = place_name(finding.place.replace("_", " "))
     same = [f for f in rows if (f.place, f.phase) == (finding.place, finding.phase)]
     phase = tested_by(finding.test) if len(same) > 1 else phrase(finding.phase)
@@ -160,7 +160,7 @@ def _row_label(finding: GapFinding, rows: Sequence[GapFinding]) -> str:
 
 
 def _chosen_rows(findings: Sequence[GapFinding]) -> dict[tuple[str, str], list[GapFinding]]:
-    """The most certain rows by quantity and unit, from the release down."""
+    """Return the most certain rows by quantity and unit, from the release down."""
     groups: dict[tuple[str, str], list[GapFinding]] = {}
     for finding in findings:
         groups.setdefault((finding.quantity, finding.unit), []).append(finding)
@@ -265,13 +265,13 @@ def _steps(values: FloatArray) -> tuple[FloatArray, FloatArray]:
 
 
 def _band(values: FloatArray, n: int) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Between which shares the curve of ``n`` rocks of a model lies in 95 of 100 samples."""
+    """Return the shares between which the curve of ``n`` model rocks lies in 95 of 100 samples."""
     x, share = _steps(values)
     return x, binom.ppf(0.025, n, share) / n, binom.ppf(0.975, n, share) / n
 
 
 def _distance(observed: FloatArray, model: FloatArray) -> float:
-    """Energy distance, squared as on the page, in standard deviations of the observed."""
+    """Return energy distance, squared as on the page, in standard deviations of the observed."""
     unit = float(np.std(observed, ddof=1)) if observed.size > 1 else 0.0
     return float(energy_distance(observed, model) ** 2) / (unit or 1.0)
 

@@ -87,7 +87,7 @@ def confidence_figure(
 
 
 def level_changes(before: FloatArray, after: FloatArray) -> FloatArray:
-    """What becomes of each cell's class: -1 lower, 0 the same, 1 higher; NaN without any.
+    """Return the change of each cell's class: -1 lower, 0 the same, 1 higher; NaN without any.
 
     Parameters
     ----------

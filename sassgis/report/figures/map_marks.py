@@ -113,12 +113,12 @@ class MapMarks:
 
 
 def even_choice(n: int, most: int) -> list[int]:
-    """Positions of at most ``most`` of n things, evenly spread."""
+    """Return positions of at most ``most`` of n things, evenly spread."""
     return list(np.unique(np.linspace(0, n - 1, min(n, most)).astype(int)))
 
 
 def all_points(arrays: Sequence[FloatArray]) -> FloatArray:
-    """All coordinates of several arrays of shape (n, 2), one below the other."""
+    """Return all coordinates of several arrays of shape (n, 2), one below the other."""
     parts = [np.asarray(a, float).reshape(-1, 2) for a in arrays]
     return np.concatenate(parts) if parts else np.empty((0, 2))
 
@@ -130,7 +130,7 @@ def _outlines(ax: Axes, rings: Sequence[FloatArray], colour: str, **how: Any) ->
 
 
 def fill_of(entry: RasterClass) -> str:
-    """Colour of a class: hatched ones are striped on white."""
+    """Return colour of a class: hatched ones are striped on white."""
     return "white" if entry.hatched else entry.colour
 
 
@@ -185,7 +185,7 @@ def draw_objects(ax: Axes, objects: Sequence[MapObject], box: Extent) -> None:
 
 
 def object_names(objects: Sequence[MapObject], box: Extent) -> list[MapName]:
-    """The names of exposed objects, at the longest part of each that is seen."""
+    """Return the names of exposed objects, at the longest part of each that is seen."""
     names = []
     for name, geometry in objects:
         seen = shapely.get_parts(shapely.clip_by_rect(geometry, *box))
@@ -248,7 +248,7 @@ def draw_control_lines(ax: Axes, control_lines: Sequence[MapControlLine]) -> Non
 
 
 def control_line_names(control_lines: Sequence[MapControlLine], box: Extent) -> list[MapName]:
-    """The names of stations, walls and nets that are seen."""
+    """Return the names of stations, walls and nets that are seen."""
     names = []
     for name, kind, xy in control_lines:
         seen = shapely.get_coordinates(shapely.clip_by_rect(shapely.linestrings(xy), *box))
@@ -258,7 +258,7 @@ def control_line_names(control_lines: Sequence[MapControlLine], box: Extent) -> 
 
 
 def line_name(name: str, xy: FloatArray, **look: Any) -> MapName:
-    """The name of a line across a map, beside its easternmost vertex."""
+    """Return the name of a line across a map, beside its easternmost vertex."""
     x, y = xy[np.argmax(xy[:, 0])]
     look = {"weight": "bold", "zorder": 22, **look}
     return MapName(name, (float(x), float(y)), 3.0, look, needed=True)
