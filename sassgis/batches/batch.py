@@ -65,7 +65,7 @@ _AREAS_PER_CORE = 4
 
 @dataclass(frozen=True, slots=True)
 class BatchResult:
-    """What a batch left.
+    """Result of a batch.
 
     Attributes
     ----------
@@ -375,7 +375,7 @@ def _named(release: ReleaseSettings, by_file: bool) -> list[tuple[str, ReleaseSe
 
 @dataclass(frozen=True, slots=True)
 class AreaOutcome:
-    """What became of an area: its record, or why it is skipped; and the seconds that it took.
+    """Outcome of an area: its record, or why it is skipped; and the seconds that it took.
 
     What there was to tell of saved states comes with it from a process that nobody listens to.
     """
@@ -388,7 +388,7 @@ class AreaOutcome:
 
 @dataclass(frozen=True, slots=True)
 class _Common:
-    """What the areas have in common."""
+    """Data common to the areas."""
 
     setting: Setting
     folder: Path
@@ -439,7 +439,7 @@ def outcomes(
 
 
 def _at_once(setting: Setting, jobs: Jobs, memory_bytes: int | None, n: int) -> int:
-    """Return how many of so many areas are at work at the same time, each on one core; 1 if few."""
+    """Count the areas at work at the same time, each on one core; 1 if few."""
     asked = workers_asked(setting.config, jobs)
     at_once = asked if isinstance(asked, int) else 1
     if memory_bytes is not None:

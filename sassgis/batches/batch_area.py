@@ -94,7 +94,7 @@ class Candidate:
 
 @dataclass(frozen=True, slots=True)
 class Setting:
-    """What all areas of a batch share.
+    """Data shared by all areas of a batch.
 
     Attributes
     ----------

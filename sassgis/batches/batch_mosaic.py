@@ -95,7 +95,7 @@ class Maps(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class Mosaic:
-    """What all blocks of a mosaic have in common.
+    """Data common to all blocks of a mosaic.
 
     Attributes
     ----------
@@ -305,13 +305,13 @@ def bytes_needed(place: Part, areas: Sequence[Reached], bins: Bins) -> int:
 
 
 def _share_in(area: Reached, place: Part) -> float:
-    """Return how much of the part in which an area has counted lies in a place."""
+    """Return the share within a place of the part in which an area has counted."""
     own, here = area.counted, area.counted.common(place)
     return 0.0 if here is None else here.n_rows * here.n_cols / (own.n_rows * own.n_cols)
 
 
 def shared(memory_bytes: int, cores: int) -> tuple[int, int]:
-    """Return how many blocks may be at work at the same time, and the memory of each (bytes).
+    """Count the blocks that may be at work at the same time, and the memory of each (bytes).
 
     As many results wait to be written, in this process, as are at work.
     """

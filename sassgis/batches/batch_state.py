@@ -1,4 +1,4 @@
-"""What a batch keeps of each release area, and how the mosaic is added up from it."""
+"""State of each release area of a batch, and how the mosaic is added up from it."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ SIMULATION_NAME, WITHOUT_BARRIERS_NAME = "simulation.npz", "without_barriers.npz
 
 @dataclass(frozen=True, slots=True)
 class Record:
-    """What a batch knows of a release area that has been run."""
+    """Record of a release area that has been run."""
 
     fingerprint: str  # of all that the result hangs on
     area: str

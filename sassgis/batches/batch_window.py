@@ -175,7 +175,7 @@ def near_edge(
 
 
 def _scouts(planned: Plan) -> int:
-    """Return how many lines are traced first."""
+    """Count the lines that are traced first."""
     return max(_SCOUTS, len(planned.starts) // _ONE_OF)
 
 

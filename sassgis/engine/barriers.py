@@ -1,4 +1,4 @@
-"""What a block does at stations and barriers."""
+"""Motion of a block at stations and barriers."""
 
 from __future__ import annotations
 

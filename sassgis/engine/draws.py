@@ -1,4 +1,4 @@
-"""What is drawn of each block: its size, shape and density, and how it starts."""
+"""Random draws of each block: its size, shape and density, and how it starts."""
 
 from __future__ import annotations
 

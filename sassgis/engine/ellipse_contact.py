@@ -56,7 +56,7 @@ class Flying(NamedTuple):
 
 @inlined
 def _until_closed(gap: float, rate: float, bend: float) -> float:
-    """Return when gap + rate t − bend t²/2 is zero for the first time after 0.
+    """Compute the first time after 0 at which gap + rate t − bend t²/2 is zero.
 
     Infinite if never.
     """
@@ -93,7 +93,7 @@ def _open_for(
 
 @inlined
 def _opens_for(rate: float, bend: float, jerk: float) -> float:
-    """Return how long a gap surely goes on opening (s), from what _open_for takes."""
+    """Compute how long a gap surely goes on opening (s), from what _open_for takes."""
     root = bend + math.sqrt(max(bend * bend + 2.0 * jerk * rate, 0.0))
     return 2.0 * rate / root if root > 0.0 else np.inf
 

@@ -43,7 +43,7 @@ _ROUNDING = 1e-9
 
 
 class Path(NamedTuple):
-    """What a path is followed on."""
+    """Terrain and lines on which a path is followed."""
 
     heights: FloatArray  # (n_rows, n_cols), of the cell centres (m)
     ground: NDArray[np.int32]  # as heights: position in the ground table

@@ -131,7 +131,7 @@ def _look_ahead(
     fade: float,
     tips_at: float,
 ) -> Ahead:
-    """Return how far a block rolls or slides before something else begins, and what.
+    """Find how far a block rolls or slides before something else begins, and what.
 
     ``pull`` is its acceleration (m/s²), ``fade`` how that falls (1/m), as in resistance.py;
     ``tips_at`` the speed at which it tips over (m/s).

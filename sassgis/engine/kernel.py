@@ -106,7 +106,7 @@ class ControlLineTable(NamedTuple):
 
 
 class Setup(NamedTuple):
-    """What the blocks of all lines have in common."""
+    """Data common to the blocks of all lines."""
 
     grounds: Records  # ground_switch.GROUND_DTYPE
     limits: Records  # (1, 2) or (n_lines, 2), model.blocks.LIMITS_DTYPE

@@ -1,4 +1,4 @@
-"""What a moving block leaves in the cells that it enters: its maxima and its time of arrival.
+"""Records of a moving block in the cells that it enters: its maxima and its time of arrival.
 
 The cells under a profile come as stretches that are also cut at the profile's vertices, so that
 the ground is straight in each. Over a stretch the speed of a flight is greatest at an end and its
@@ -38,7 +38,7 @@ STRETCH_DTYPE = record_type(
 
 
 class CellWork(NamedTuple):
-    """What one block did in each cell of a chunk.
+    """Records of one block in each cell of a chunk.
 
     What is touched together lies together, so that the processor fetches it at once.
     """

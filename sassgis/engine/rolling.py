@@ -117,7 +117,7 @@ def _force_before_upright(block: Block, way: Way, angle: float) -> tuple[float, 
 
 @lean
 def lift_off_angle(block: Block, way: Way) -> float:
-    """Return how long before it stands upright a rolling ellipse leaves the ground (rad).
+    """Compute the angle (rad) before the upright at which a rolling ellipse leaves the ground.
 
     The largest angle before the upright at which the normal force ends, 0 if only there.
     """
@@ -153,7 +153,7 @@ def _guess(upright: float, weight: float) -> float:
 
 @lean
 def _end_of_force(block: Block, way: Way, low: float, high: float, angle: float) -> float:
-    """Return where between two angles (rad) the normal force ends: it is 0 or less at ``low`` only.
+    """Find where between two angles (rad) the normal force ends: it is 0 or less at ``low`` only.
 
     Newton's method from ``angle`` on; from the second step on by the cubic of the angle over the
     force through the last two values and slopes.

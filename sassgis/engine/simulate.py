@@ -86,7 +86,7 @@ class Visits:
 
 @dataclass(frozen=True)
 class Simulated:
-    """What the blocks of some lines left.
+    """Results of the blocks of some lines.
 
     Attributes
     ----------

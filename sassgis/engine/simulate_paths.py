@@ -55,7 +55,7 @@ _ENOUGH: dict[tuple[tuple[int, int], int], int] = {}
 
 @dataclass(frozen=True, slots=True)
 class PathTerrain:
-    """What paths are followed on."""
+    """Terrain on which paths are followed."""
 
     grid: Grid  # heights that blocks move over
     ground: NDArray[np.int32]  # shape of the grid; ground class of each cell
@@ -160,7 +160,7 @@ def follow(
 
 
 def _wanted(worth: Worth | None, register: CellRegister, n: int) -> Wanted | None:
-    """Return where more is wanted as the kernel takes it, for so many points."""
+    """Return where more is wanted for so many points, in the form of the kernel."""
     if worth is None:
         return None
     # A copy where it may not be written to, as of another process: see _checked_starts.

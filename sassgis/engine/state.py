@@ -1,4 +1,4 @@
-"""What the kernels read and write: the block, its state, the profile under it, and its records.
+"""Data of the kernels: the block, its state, the profile under it, and its records.
 
 Records (rows of structured arrays) are passed by reference: a kernel that takes the state of a
 block changes it in place, and what it does not name stays as it is. NamedTuples are passed by
@@ -203,7 +203,7 @@ class Physics(NamedTuple):
 
 
 class Site(NamedTuple):
-    """What a block moves over."""
+    """Ground over which a block moves."""
 
     profile: Records  # VERTEX_DTYPE
     grounds: Records  # ground_switch.GROUND_DTYPE
@@ -226,7 +226,7 @@ class Spawned(NamedTuple):
 
 
 class Output(NamedTuple):
-    """What a block leaves behind as it moves."""
+    """Records of a block as it moves."""
 
     passages: Records  # PASSAGE_DTYPE, those of this block from the top
     work: CellWork

@@ -16,7 +16,7 @@ from sassgis.settings.statistics_table import QUANTITIES, Bins, Reducer, sums_by
 
 
 def _quantities(reducer: Reducer) -> tuple[int, ...]:
-    """Return which quantity each column of the sums of a kind is made from."""
+    """Find the quantity from which each column of the sums of a kind is made."""
     return tuple(QUANTITIES.index(s.quantity) for s in sums_by(reducer))
 
 
@@ -440,7 +440,7 @@ def add_visits(
 
 
 class Event(NamedTuple):
-    """What a block and all that it spawned did in each cell, as one block of 1 kg."""
+    """Records of a block and all that it spawned in each cell, as one block of 1 kg."""
 
     peak: NDArray[np.float64]  # (n_cells, N_RECORDED), energy -1 where none has been
     touched: NDArray[np.int64]

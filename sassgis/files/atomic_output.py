@@ -271,7 +271,7 @@ def result_files(folder: Path) -> list[Path]:
 
 
 def _files(folder: Path) -> list[Path]:
-    """Return all that lies in a folder and is no folder; links are files."""
+    """List all that lies in a folder and is no folder; links are files."""
     return sorted(p for p in folder.rglob("*") if p.is_symlink() or not p.is_dir())
 
 
@@ -292,7 +292,7 @@ def _check_target(target: Path, overwrite: bool, parts: Sequence[str] = ()) -> N
 
 
 def _own_files(folder: Path, shown: Path, parts: Sequence[str]) -> list[Path]:
-    """Return all files of a result; OutputError for the first that no run has written as it is."""
+    """List the files of a result; OutputError for the first that no run has written as it is."""
     listed = _listed(folder)
     if listed is None:
         raise OutputError(

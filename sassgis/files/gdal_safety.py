@@ -1,4 +1,4 @@
-"""What GDAL may open: files on disks, in a few formats.
+"""Limits on what GDAL may open: files on disks, in a few formats.
 
 A file of any name may be a list of sources (VRT), the description of a server (WMS, WFS, ...) or a
 label beside raw bytes, which GDAL follows: what comes with a project could read any other file, or

@@ -1,4 +1,4 @@
-"""What an input consists of: a file, what lies beside it, and what a virtual raster shows.
+"""Parts of an input: a file, those next to it, and those that a virtual raster shows.
 
 What reads an input, what tells it from another one and what is kept of it all ask here: a part that
 one of them forgets would be an edit that nobody notices.
@@ -166,7 +166,7 @@ def _mosaic_sources(file: Path) -> tuple[Path, ...]:
 
 
 def mosaic_places(file: Path) -> tuple[tuple[int, int, int, int], ...]:
-    """Return where these lie in it: first row and column, numbers of rows and columns."""
+    """Find where these lie in it: first row and column, numbers of rows and columns."""
     text = mosaic_text(file)
     if text is None:
         return ()

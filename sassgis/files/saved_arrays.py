@@ -1,4 +1,4 @@
-"""What a run saves to go on from after an interruption: as it was saved, or not used.
+"""Saved state from which a run goes on after an interruption: as it was saved, or not used.
 
 A file is a NumPy archive (npz). The comment at its end holds the fingerprint of what it belongs to,
 and a digest of its name and of all bytes before. That finds damage and changes by hand; it is no
@@ -130,7 +130,7 @@ def _known(path: Path, _stamp: Stamp) -> str:
 
 
 def unfit(path: Path, why: str = "damaged, or changed since it was saved") -> str:
-    """Return one line to tell that what was saved is not used."""
+    """State in one line that what was saved is not used."""
     return f"{UNFIT} {path} is not used: {why}"
 
 

@@ -1,4 +1,4 @@
-"""What a diagnosis answers: where the gap lies, which effect causes it, how far it shrinks."""
+"""Answer of a diagnosis: where the gap lies, which effect causes it, how far it shrinks."""
 
 from __future__ import annotations
 
@@ -109,7 +109,7 @@ class Hypothesis:
 
 @dataclass(frozen=True, slots=True)
 class CauseGain:
-    """What a cause closes of the gap that the base leaves, were the ground calibrated anew."""
+    """Part of the gap of the base that a cause closes, were the ground calibrated anew."""
 
     effect: str
     #: Of the squared distance of what was observed from the base, in all numbers that sum up the
@@ -183,7 +183,7 @@ class ModelGap:
 
     @property
     def key(self) -> tuple[str, str, str]:
-        """What it is of."""
+        """Name of the quantity and its place."""
         return self.place, self.quantity, self.statistic
 
     @property
@@ -216,7 +216,7 @@ class GroundSetting:
 
 @dataclass(frozen=True, slots=True)
 class Advice:
-    """What to set, and what follows from it."""
+    """Recommended settings, and what follows from them."""
 
     #: Worst gap of the configured model, on the unsafe side if there is one; None where neither
     #: stops nor speeds were observed.
@@ -238,7 +238,7 @@ class Advice:
 
     @property
     def consequences(self) -> list[dict[str, Any]]:
-        """What the recommended model changes of the rocks, as in ``diagnosis.json``."""
+        """Changes of the rocks by the recommended model, as in ``diagnosis.json``."""
         after = {g.key: g.predicted for g in self.left}
         return [
             {

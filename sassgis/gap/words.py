@@ -143,12 +143,12 @@ def quantity_name(quantity: str) -> Phrase:
 
 
 def tested_by(test: str) -> Phrase:
-    """Return how a gap was tested, in words."""
+    """Describe how a gap was tested."""
     return phrase(_TESTS.get(test, test))
 
 
 def place_words(place: str) -> Phrase:
-    """Return where: "at S3", "between S2 and S3", "below S4", "on talus", "on the whole slope"."""
+    """Name a place: "at S3", "between S2 and S3", "below S4", "on talus", "on the whole slope"."""
     if place == "all":
         return phrase("on the whole slope")
     if place == "stop":
@@ -190,7 +190,7 @@ def with_unit_in_brackets(text: str, unit: str) -> str:
 
 
 def significance(finding: GapFinding) -> str:
-    """Return how sure a gap is: "sure" (headline), "likely" (among those on the map) or "open"."""
+    """Rate a gap: "sure" (headline), "likely" (among those on the map) or "open"."""
     if finding.p_adjusted <= LEVEL:
         return "sure"
     return "likely" if finding.q_value <= LEVEL else "open"

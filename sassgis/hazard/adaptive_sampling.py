@@ -70,7 +70,7 @@ class MoreBlocks:
         return more
 
     def _blocks_left(self, progress: Progress) -> int:
-        """Return how many more blocks the budget allows for."""
+        """Count the blocks that the budget still allows for."""
         left = self.budget.blocks - progress.simulated
         if progress.seconds > 0.0:
             pace = progress.simulated / progress.seconds
@@ -100,7 +100,7 @@ class MoreBlocks:
 
 
 def halvings_of(left_open: FloatArray | None, planned: Plan) -> NDArray[np.uint8] | None:
-    """Return how often the blocks of each point are halved, so that all of them cost the least.
+    """Count how often each point's blocks are halved so that all of them cost the least.
 
     Neyman (1934): where a stratum adds v/n to the variance, n proportional to the root of v gives
     the least variance of all samples of one size; here to the nearest power of 2, within an eighth

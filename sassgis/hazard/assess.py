@@ -26,7 +26,7 @@ from sassgis.terrain.edge import edge_sides
 
 @dataclass(frozen=True, slots=True)
 class ZoneFacts:
-    """What is known of each zone of hazard level."""
+    """Facts about each zone of hazard level."""
 
     area_m2: np.ndarray  # shape (n_zones,)
     # Shape (n_zones,); cells that blocks reach; the others were raised when the zone was drawn.
@@ -63,7 +63,7 @@ class IntensityMap:
 
 @dataclass(frozen=True, slots=True)
 class Hazard:
-    """What a simulation says of the hazard."""
+    """Hazard by a simulation."""
 
     sampled: tuple[Sampled, ...]
     curves: HazardCurves
@@ -220,7 +220,7 @@ def zone_facts(
 
 @dataclass(frozen=True, slots=True)
 class Rules:
-    """What zoning needs besides the simulated blocks."""
+    """Rules that zoning needs besides the simulated blocks."""
 
     preset: HazardPreset
     frequencies: dict[tuple[str, str], float]  # blocks per year, by area and scenario
@@ -235,7 +235,7 @@ class Rules:
 
 @dataclass(frozen=True, slots=True)
 class Assessment:
-    """What zoning found."""
+    """Result of zoning."""
 
     hazard: Hazard  # with the walls and nets there are
     without: Hazard | None  # without them; None if there are none or nobody asked

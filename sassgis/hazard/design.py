@@ -1,4 +1,4 @@
-"""What a barrier at a line must take: energies and passing heights by residual frequency."""
+"""Loads on a barrier at a line: energies and passing heights by residual frequency."""
 
 from __future__ import annotations
 
@@ -147,7 +147,7 @@ def sphere_diameter_m(mass_kg: float, density_kgm3: float) -> float:
 
 
 def passing_rate(behind: Arrivals) -> float:
-    """Return how often blocks go on behind a line (1/year), by the curve of control_lines.BEHIND.
+    """Compute the rate (1/year) of blocks behind a line by the curve of control_lines.BEHIND.
 
     Blocks that a barrier takes lie in the first bin.
     """

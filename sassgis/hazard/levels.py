@@ -85,7 +85,7 @@ def deciding_energy(curves: HazardCurves, preset: HazardPreset) -> IntArray:
 
 
 def limits_of_levels(preset: HazardPreset) -> FloatArray:
-    """Return least rate (1/year) of each class of intensity that gives each level or a higher one.
+    """Find the least rate (1/year) of each intensity class that gives each level or a higher one.
 
     Infinite where the class never gives it, 0 where any block does; shape (n_levels,
     n_intensities).

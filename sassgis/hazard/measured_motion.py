@@ -76,7 +76,7 @@ def size_warnings(blocks: tuple[BlockPopulation, ...]) -> list[str]:
 def motion_warnings(
     blocks: tuple[BlockPopulation, ...], maps: Mapping[str, NDArray[np.floating[Any]]]
 ) -> list[str]:
-    """Return where maps go beyond what was measured on blocks as large as the largest of a run.
+    """Warn where maps exceed measurements on blocks as large as the largest of a run.
 
     Parameters
     ----------
@@ -104,7 +104,7 @@ def motion_warnings(
 
 
 def words_at_line(sampled: Sequence[Sampled], line: int) -> str:
-    """Return how far 95 % values at a station or barrier are beyond what was measured; else empty.
+    """State how far 95 % values at a station or barrier exceed measurements; else empty.
 
     ``line`` is its position. The size is that of the mass of which 95 % are below, at the density
     of a block of which nothing is said.

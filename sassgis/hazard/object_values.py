@@ -1,4 +1,4 @@
-"""What reaches exposed objects: energies and heights of all blocks that come to each, pooled."""
+"""Loads on exposed objects: energies and heights of all blocks that reach each, pooled."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ class ObjectEstimate:
 
 @dataclass(frozen=True, slots=True)
 class ObjectValues:
-    """What reaches each object."""
+    """Energies and heights of the blocks that reach each object."""
 
     arrivals: ObjectEstimate  # blocks per year; without frequencies, the blocks themselves
     # Not exceeded by 95 % of the blocks: of the energy each counts once with its largest on the

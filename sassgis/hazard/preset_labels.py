@@ -1,4 +1,4 @@
-"""What maps and reports say of a preset's rules."""
+"""Words of maps and reports on a preset's rules."""
 
 from __future__ import annotations
 

@@ -352,7 +352,7 @@ class _Window:
 
 
 def worth_of_places(curves: HazardCurves, preset: HazardPreset) -> FloatArray:
-    """Return how much less area another sample changes for each bit less of variance.
+    """Compute how much less area another sample changes per unit less of variance.
 
     What it changes along a limit grows with the standard error s of the rates there, of which the
     cells within about two errors of the limit L tell: as many of them as the area that changes,

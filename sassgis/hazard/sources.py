@@ -22,7 +22,7 @@ _PLACE = {"per_year_ha": "release polygons", "per_year_m": "release lines"}
 
 @dataclass(frozen=True, slots=True)
 class Sampled:
-    """What was simulated of one source."""
+    """Simulated blocks of one source."""
 
     source: Source
     # Places are flat indices of cells, and numbers of exposed objects.

@@ -1,4 +1,4 @@
-"""What a user must know before trusting a result: one list for every command.
+"""Warnings that a user must know before trusting a result: one list for every command.
 
 ``validate`` gives what the inputs show, ``run`` what the simulation adds to it, ``zone`` and
 ``batch`` what the rules of the zoning add.

@@ -68,7 +68,7 @@ def open_limit_style() -> VectorStyle:
 
 
 def zone_style(column: str, entries: Sequence[tuple[str, str, str, bool]]) -> VectorStyle:
-    """Return one sign per code, listed from the last.
+    """Make one sign per code, listed from the last.
 
     Entries are (code, label, ``#rrggbb``, hatched), from low to high.
     """

@@ -32,7 +32,7 @@ class Messages:
     expected: Callable[[Place, str], str | None] = lambda _loc, _kind: None
 
     def of(self, error: ValidationError) -> list[ConfigError]:
-        """Return all that is wrong."""
+        """List all that is wrong."""
         return [self._one_line(e) for e in error.errors()]
 
     def _one_line(self, error: ErrorDetails) -> ConfigError:
@@ -48,7 +48,7 @@ class Messages:
         return ConfigError(file=self.file, field=field, **parts)
 
     def _section(self, loc: Place, kind: str) -> str | None:
-        """Return how a section must be written, where it is none."""
+        """Describe how a section must be written, where it is none."""
         name = str(loc[0])
         if kind in ("dict_type", "dataclass_type"):
             return f"[[{name}]]" if name in self.lists else f"a section [{'.'.join(map(str, loc))}]"

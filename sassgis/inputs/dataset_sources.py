@@ -1,4 +1,4 @@
-"""What zones are made of, from the dataset of a simulation."""
+"""Sources of zones, from the dataset of a simulation."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What the files of a site, and their user, say about the configuration that reads them."""
+"""Defaults of a configuration from the files of a site and from their user."""
 
 from __future__ import annotations
 

@@ -382,7 +382,7 @@ def lone_zeros(values: FloatArray) -> BoolArray:
 
 
 def _place(cells: BoolArray, part: Window | None) -> str:
-    """Return where the first of some cells of a part lies in the whole."""
+    """Find the position in the whole of the first of some cells of a part."""
     row, col = np.argwhere(cells)[0] + 1
     if part is not None:
         row, col = row + int(part.row_off), col + int(part.col_off)
@@ -521,7 +521,7 @@ BASE_MAP_KEY = f"raster_{_STEM}"
 
 
 def read_base_map(file: Path | None, grid: Grid) -> RasterLayer | None:
-    """Return how a base map is shown: in colours, by its palette, or in grey; None without a file.
+    """Read how a base map is shown: in colours, by its palette, or in grey; None without a file.
 
     InputError if it cannot be read, or is in other coordinates than the terrain model.
     """

@@ -1,4 +1,4 @@
-"""What was chosen for the diagnosis, frozen in a file."""
+"""Thresholds chosen for the diagnosis, frozen in a file."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What Python programs hand over in place of files: arrays with a place, frames, tables."""
+"""Inputs of Python programs in place of files: arrays with a place, frames, tables."""
 
 from __future__ import annotations
 

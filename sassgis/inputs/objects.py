@@ -102,7 +102,7 @@ def _check_names(parts: Sequence[PlacedObjects], file: Input | None) -> None:
 
 
 def _key(settings: ObjectSettings) -> str:
-    """Return how messages call a section."""
+    """Return the name of a section in messages."""
     return f"objects[{settings.name}]"
 
 

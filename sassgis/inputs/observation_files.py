@@ -141,7 +141,7 @@ def validate_observations(
     drop_m: float = 0.0,
     density_kgm3: float = DENSITY_KGM3,
 ) -> list[ObservationFinding]:
-    """Return all that their owner should know about observations, as read or made up by a program.
+    """Collect findings on observations, as read or made up by a program.
 
     Errors come first; ``str`` gives one line that names file, table, column and row. Without the
     DEM, nothing is compared with the terrain.

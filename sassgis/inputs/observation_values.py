@@ -298,7 +298,7 @@ def _stations(raw: RawTable, data: Mapping[str, Any], keep: NDArray[np.bool_]) -
 
 
 def metadata_of(raw: RawTable) -> Metadata:
-    """Return how well was measured; keys that are not known are passed on."""
+    """Read how well was measured; keys that are not known are passed on."""
     columns = {k.strip().lower(): v for k, v in raw.columns.items()}
     if not {"key", "value"} <= set(columns):
         found, expected = ", ".join(raw.columns) or "nothing", "columns key and value"

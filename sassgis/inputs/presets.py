@@ -131,7 +131,7 @@ def _preset(text: str, name: str, file: str) -> HazardPreset:
 
 
 class _Reading:
-    """What the names within a file refer to."""
+    """Objects to which the names within a file refer."""
 
     def __init__(self, content: _File, file: str) -> None:
         self._content = content

@@ -61,7 +61,7 @@ def soil_types() -> Mapping[int, Any]:
 
 @dataclass(frozen=True)
 class Converted:
-    """What becomes of a folder of Rockyfor3D.
+    """Conversion of a folder of Rockyfor3D.
 
     Layers and tables are to be written beside the configuration as ``<name>.gpkg`` and
     ``<name>.csv``; notes say what was taken how, and what has no counterpart.

@@ -72,7 +72,7 @@ class Part:
         return Part(self.row - north, self.col - west, n_rows, n_cols)
 
     def cells_in(self, other: Part, cells: IntArray) -> tuple[BoolArray, IntArray]:
-        """Return which of some cells (flat indices) lie in ``other``, and where these are there."""
+        """Find which of some cells (flat indices) lie in ``other``, and where these are there."""
         row, col = np.divmod(np.asarray(cells, np.int64), self.n_cols)
         row, col = row + self.row - other.row, col + self.col - other.col
         inside = (row >= 0) & (row < other.n_rows) & (col >= 0) & (col < other.n_cols)
@@ -88,7 +88,7 @@ def hull(parts: Sequence[Part]) -> Part:
 
 
 def gaps_between(parts: Sequence[Part]) -> list[Part]:
-    """Return where parts of a terrain leave something out that is probably missing.
+    """Find where parts of a terrain leave something out that is probably missing.
 
     There are parts on three sides of it or more, or all of them nearly fill a rectangle: the border
     along a valley has steps. Each is the smallest part that holds what is connected of it.
@@ -115,7 +115,7 @@ def gaps_between(parts: Sequence[Part]) -> list[Part]:
 
 
 def gaps_text(parts: Sequence[Part], transform: Affine) -> str:
-    """Return where tiles leave gaps, in words; empty if nowhere."""
+    """Describe where tiles leave gaps; empty if nowhere."""
     windows = [Window(own.col, own.row, own.n_cols, own.n_rows) for own in gaps_between(parts)]
     gaps = [f"({extent_text(*bounds(window, transform))})" for window in windows]
     return f"no tile covers {some_of(gaps, str)}: no height is known there" if gaps else ""

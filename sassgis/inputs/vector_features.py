@@ -443,7 +443,7 @@ def cells_under(
 
 
 def polygon_of_cells(polygons: Sequence[Feature], grid: Grid) -> NDArray[np.int32]:
-    """Return which polygon covers the centre of each cell: its position, -1 for none.
+    """Find the polygon that covers the centre of each cell: its position, -1 for none.
 
     Shape of the grid.
 

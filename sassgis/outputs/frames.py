@@ -84,7 +84,7 @@ def table_of(
 
 
 class ProfileTables(NamedTuple):
-    """What blocks did along one profile.
+    """Tables of the blocks along one profile.
 
     Attributes
     ----------

@@ -125,7 +125,7 @@ def _frame_of(layer: RasterLayer, grid: Grid, number_type: str, nodata: float) -
 
 
 def _cog_options(layer: RasterLayer) -> dict[str, Any]:
-    """Return how GDAL makes the Cloud-Optimised GeoTIFF of a map."""
+    """Return GDAL's options for the Cloud-Optimised GeoTIFF of a map."""
     return {
         "driver": "COG",
         "compress": "DEFLATE",

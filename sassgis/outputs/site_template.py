@@ -113,7 +113,7 @@ def _plane(text: str) -> pyproj.CRS:
 
 
 def _area_of_use(system: pyproj.CRS) -> tuple[float, float, float, float]:
-    """Return where the system is meant to be used, in its own coordinates."""
+    """Return the area of use of the system, in its coordinates."""
     area = system.area_of_use
     if area is None:
         return (0.0, 0.0, 1000.0, 1000.0)

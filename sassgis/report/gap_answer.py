@@ -1,4 +1,4 @@
-"""What a diagnosis answers, in sentences."""
+"""Answer of a diagnosis, in sentences."""
 
 from __future__ import annotations
 

@@ -55,7 +55,7 @@ Rows = tuple[tuple[str, str], ...]
 
 @dataclass(frozen=True, slots=True)
 class Contribution:
-    """What comes from one source: how often, or how many of the simulated blocks, by cell."""
+    """Contribution of one source: how often, or how many of the simulated blocks, by cell."""
 
     area: str
     scenario: str
@@ -65,7 +65,7 @@ class Contribution:
 
 @dataclass(frozen=True, slots=True)
 class PlaceFacts:
-    """What is known of an object, a station or a barrier."""
+    """Facts about an object, a station or a barrier."""
 
     rows: Rows = ()  # said in a table
     curve: Sequence[tuple[float, float]] = ()  # energy (kJ), blocks a year with at least that
@@ -73,7 +73,7 @@ class PlaceFacts:
 
 @dataclass(frozen=True, slots=True)
 class MapHazard:
-    """What a zoning says of cells and zones."""
+    """Cells and zones of a zoning."""
 
     preset: HazardPreset
     curves: HazardCurves
@@ -87,7 +87,7 @@ class MapHazard:
 
 @dataclass(frozen=True, slots=True)
 class MapPage:
-    """What is on the page."""
+    """Contents of the page."""
 
     title: str
     run: MapRun

@@ -102,7 +102,7 @@ def runout_drawn(progress: Progress) -> Figure:
 
 
 def stopping_reasons(counts: IntArray) -> ReportTable:
-    """Return how many blocks stop for which reason; ``counts`` by StopReason."""
+    """Tabulate how many blocks stop for which reason; ``counts`` by StopReason."""
     total = max(int(counts.sum()), 1)
     return table_of(
         "Reasons for stopping",

@@ -1,4 +1,4 @@
-"""What reports say of other values of the ground classes: a sensitivity, and their spread."""
+"""Report on other values of the ground classes: a sensitivity, and their spread."""
 
 from __future__ import annotations
 

@@ -50,7 +50,7 @@ from sassgis.terrain.plan import placed_points, plan
 
 @dataclass(frozen=True, slots=True)
 class DemSummary:
-    """What the terrain model holds; lengths in m."""
+    """Summary of the terrain model; lengths in m."""
 
     file: Input
     n_rows: int
@@ -65,7 +65,7 @@ class DemSummary:
 
 @dataclass(frozen=True, slots=True)
 class ProfileSummary:
-    """What the profile of a run without a map holds; lengths in m."""
+    """Summary of the profile of a run without a map; lengths in m."""
 
     file: Input
     vertices: int
@@ -98,7 +98,7 @@ class ClassSummary:
 
 @dataclass(frozen=True, slots=True)
 class InputReport:
-    """What the inputs of a run hold.
+    """Summary of the inputs of a run.
 
     Attributes
     ----------

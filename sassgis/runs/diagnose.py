@@ -196,7 +196,7 @@ def diagnose(
 def _gaps(
     problem: SiteData, model: HypothesisModel, rows: FloatArray, scale: float = 1.0
 ) -> tuple[tuple[ModelGap, ...], float]:
-    """Return how far a model is off, and the share of its rocks that leave the terrain.
+    """Compute how far a model is off, and the share of its rocks that leave the terrain.
 
     ``scale``: speeds as observed over the true ones.
     """

@@ -1,4 +1,4 @@
-"""What draws have shown that were made already, kept so that nothing is computed twice."""
+"""Store of draws that were made already, so that nothing is computed twice."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ def told_tasks(run: TaskMap, n_rocks: int, on_progress: OnProgress | None) -> Ta
 
 
 class DrawStore:
-    """What trials have shown; one counts as made if its number and its parameters are the same.
+    """Results of trials; one counts as made if its number and its parameters are the same.
 
     It is kept in a file of the working folder, if there is one. A file that does not fit is not
     used, which is told.

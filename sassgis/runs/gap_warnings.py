@@ -1,4 +1,4 @@
-"""What a user should know of observations and of models before trusting a diagnosis."""
+"""Warnings on observations and models that a user should know before trusting a diagnosis."""
 
 from __future__ import annotations
 

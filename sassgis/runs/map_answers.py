@@ -1,4 +1,4 @@
-"""What the map that can be asked says of places: from the sums of a run and from its zones."""
+"""Answers of the interactive map at places: from the sums of a run and from its zones."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ _POINTS = 16
 
 
 def blocks_by_source(run: MapRun, progress: Progress) -> list[Contribution]:
-    """Return how many of the simulated blocks of each source reach each cell."""
+    """Count the simulated blocks of each source that reach each cell."""
     found = []
     for (area, k), tally in sorted(progress.sources.items()):
         own = tally.cells.counts()
@@ -37,7 +37,7 @@ def blocks_by_source(run: MapRun, progress: Progress) -> list[Contribution]:
 
 
 def rates_by_source(sampled: Sequence[Sampled]) -> list[Contribution]:
-    """Return how often blocks of each source reach each cell (1/year)."""
+    """Compute how often blocks of each source reach each cell (1/year)."""
     return [
         Contribution(
             s.source.area, s.source.scenario, s.cells.places,

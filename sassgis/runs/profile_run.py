@@ -54,7 +54,7 @@ _DRAWN = 100
 
 @dataclass(frozen=True, slots=True)
 class ProfileRunResult:
-    """What a run along one profile left.
+    """Result of a run along one profile.
 
     Attributes
     ----------

@@ -28,7 +28,7 @@ _LEAST_CELLS = 4
 
 @dataclass(frozen=True, slots=True)
 class Proposal:
-    """What was proposed."""
+    """Proposed release areas."""
 
     units: SlopeUnits | None  # None if the threshold was stated and there are no cliffs
     threshold_deg: float  # slopes that were used, also where the user stated them

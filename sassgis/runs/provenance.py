@@ -1,4 +1,4 @@
-"""What a result was made from: its manifest, and what its files say of it."""
+"""Origin of a result: its manifest, and what its files say of it."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from sassgis.settings.schema import Input
 
 @dataclass(frozen=True, slots=True)
 class Origin:
-    """What a result was made from besides the files that every run of its configuration reads."""
+    """Origin of a result besides the files that every run of its configuration reads."""
 
     inputs: Mapping[str, Input] = field(default_factory=dict)  # files by their role
     preset: str = ""

@@ -57,7 +57,7 @@ from sassgis.simulation.workers import beside
 
 @dataclass(frozen=True, slots=True)
 class ForReport:
-    """What the report says besides that of a run alone."""
+    """Additions to the report of a run."""
 
     # What draws its figures, and the sheets of protection, and gives them.
     figures: Callable[[], tuple[ReportFigure, ...]] = tuple
@@ -71,7 +71,7 @@ class ForReport:
 
 @dataclass(frozen=True, slots=True)
 class ForMapPage:
-    """What the map that can be asked says of zones, sources, places and release areas."""
+    """Zones, sources, places and release areas of the interactive map."""
 
     hazard: MapHazard | None = None
     contributions: Sequence[Contribution] = ()
@@ -81,7 +81,7 @@ class ForMapPage:
 
 @dataclass(frozen=True, slots=True)
 class Extras:
-    """What a result holds besides the maps of the blocks themselves."""
+    """Contents of a result besides the maps of the blocks themselves."""
 
     layers: tuple[RasterLayer, ...] = ()
     vectors: tuple[VectorLayer, ...] = ()  # written to hazard.gpkg
@@ -104,7 +104,7 @@ class Extras:
 
 @dataclass(frozen=True, slots=True)
 class Published:
-    """What was written of a run on the map."""
+    """Files written of a run on the map."""
 
     layers: tuple[RasterLayer, ...]  # all maps
     report: ReportContext  # in its language

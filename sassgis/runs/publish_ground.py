@@ -1,4 +1,4 @@
-"""What draws of the ground classes add to a result: maps, areas, tables, lines of the report."""
+"""Additions of draws of ground classes to a result: maps, areas, tables, lines of the report."""
 
 from __future__ import annotations
 

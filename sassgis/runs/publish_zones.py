@@ -1,4 +1,4 @@
-"""What zoning adds to the result of a run: maps, zones, risk, tables, sheets, report."""
+"""Additions of zoning to the result of a run: maps, zones, risk, tables, sheets, report."""
 
 from __future__ import annotations
 

@@ -42,7 +42,7 @@ _AUTO = (
 
 @dataclass(frozen=True, slots=True)
 class RunResult:
-    """What a run left.
+    """Result of a run.
 
     Attributes
     ----------

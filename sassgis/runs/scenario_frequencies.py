@@ -59,7 +59,7 @@ class ScenarioFrequencies:
     warnings: tuple[str, ...]
 
     def lines(self) -> list[str]:
-        """Return all for people, line by line; the last are lines of a configuration."""
+        """Write all for people, line by line; the last are lines of a configuration."""
         law, per = self.law, _PER[self.unit]
         up_to = "" if math.isinf(law.up_to) else f" up to {law.up_to:g} m3"
         out = [
@@ -104,7 +104,7 @@ class ScenarioFrequencies:
         return out
 
     def as_dict(self) -> dict[str, Any]:
-        """Return all for programs."""
+        """Return all values as plain data for programs."""
 
         def scenario(one: Scenario) -> dict[str, Any]:
             frequency = None if one.frequency is None else asdict(one.frequency)

@@ -52,7 +52,7 @@ _ROCKS_SHARE, _FEWEST_ROCKS = 0.2, 4
 
 @dataclass(frozen=True, slots=True)
 class SensitivityResult:
-    """What a sensitivity left."""
+    """Result of a sensitivity."""
 
     folder: Path
     ranges: tuple[ParameterRange, ...]

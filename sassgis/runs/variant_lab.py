@@ -152,7 +152,7 @@ class VariantLab:
 
 @dataclass(frozen=True, slots=True)
 class DrawnGround:
-    """What the draws of a run found."""
+    """Results of the draws of a run."""
 
     spread: GroundSpread
     maps: CellMaps

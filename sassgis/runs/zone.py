@@ -37,7 +37,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True)
 class ZoneResult:
-    """What zoning left: the run, the rules, and what was found."""
+    """Result of a zoning run: the run, the rules, and the zones."""
 
     run: RunResult
     rules: Rules = field(repr=False)

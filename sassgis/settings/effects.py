@@ -1,4 +1,4 @@
-"""What the settings of all effects share; each stands with its kernels in sassgis/engine/effects.
+"""Base of the settings of effects; each stands with its kernels in sassgis/engine/effects.
 
 None is on unless it is configured.
 """

@@ -1,4 +1,4 @@
-"""What blocks may hit, and what a hit does to it."""
+"""Exposed objects that blocks may hit, and what a hit does to them."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a run on the map is given, and what it keeps of single blocks and lines."""
+"""Inputs of a run on the map, and what it keeps of single blocks and lines."""
 
 from __future__ import annotations
 
@@ -105,7 +105,7 @@ class Round:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Worth:
-    """What it is worth to know how often blocks come to each cell with how much energy."""
+    """Worth of knowing how often blocks come to each cell with how much energy."""
 
     energy: IntArray  # shape (n,): positions of energies among those of the hazard curves, rising
     # Shape (n_cells, n): by which a smaller variance of the frequency there is multiplied.

@@ -1,4 +1,4 @@
-"""What this process may take: memory of the machine, and nothing from the current folder."""
+"""Limits of this process: memory of the machine, and nothing from the current folder."""
 
 from __future__ import annotations
 

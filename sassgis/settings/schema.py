@@ -106,7 +106,7 @@ class Renamed:
 
 @dataclass(frozen=True, slots=True)
 class Example:
-    """What the template shows for a setting; ``needed`` if it stands there without a comment."""
+    """Example of a setting in the template; ``needed`` if it stands there without a comment."""
 
     value: object
     needed: bool = False

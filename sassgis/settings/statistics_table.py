@@ -43,7 +43,7 @@ _REDUCERS: dict[Reducer, tuple[np.ufunc, type[np.generic]]] = {
 
 @dataclass(frozen=True, slots=True)
 class CellSum:
-    """What is kept of one quantity in each cell.
+    """Sum of one quantity in each cell.
 
     Whole numbers and extremes only, so that the order of adding does not matter.
     """
@@ -54,7 +54,7 @@ class CellSum:
 
     @property
     def join(self) -> np.ufunc:
-        """What makes one of the sums of two parts."""
+        """Function that joins the sums of two parts."""
         return _REDUCERS[self.reducer][0]
 
     @property

@@ -32,7 +32,7 @@ Hatch = Literal["", "diagonal", "horizontal", "falling"]
 
 @dataclass(frozen=True, slots=True)
 class FieldInfo:
-    """What a column means."""
+    """Meaning of a column."""
 
     alias: str  # name shown to the reader, without the unit
     unit: str = ""  # empty for none

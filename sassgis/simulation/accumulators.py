@@ -1,4 +1,4 @@
-"""What a run on the map has added up so far, and how the result of a chunk is added to it."""
+"""Sums of a run on the map so far, and how the result of a chunk is added to them."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from sassgis.simulation.source_sums import SourceSums
 
 @dataclass(frozen=True, slots=True)
 class ChunkResult:
-    """What one chunk gave."""
+    """Result of one chunk."""
 
     area: int  # position of its release area
     # Shape (n,); release points of which it has a repetition each; some may be there several times.
@@ -37,7 +37,7 @@ class ChunkResult:
 
 @dataclass
 class SourceTally:
-    """What has been added up of one source: a block scenario of a release area."""
+    """Sums of one source: a block scenario of a release area."""
 
     # Places are flat indices of cells and numbers of objects. A block counts for a cell if it comes
     # within half the reference width of its centre.
@@ -83,7 +83,7 @@ class SourceTally:
 
 @dataclass
 class Progress:
-    """What has been added up so far; grows chunk by chunk, in their order."""
+    """Sums so far; they grow chunk by chunk, in their order."""
 
     chunks: int  # added
     sums: MapSums
@@ -212,7 +212,7 @@ def sample_of(run: MapRun, progress: Progress) -> Sample:
 
 
 def line_ends(progress: Progress) -> dict[LineEnd, int]:
-    """Return how many fall lines end for which reason."""
+    """Count the fall lines that end for each reason."""
     ends = np.concatenate([np.empty(0, np.uint8), *(f.end for f in progress.lines)])
     return {e: int((ends == e).sum()) for e in LineEnd}
 

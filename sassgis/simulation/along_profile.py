@@ -1,4 +1,4 @@
-"""What is simulated along one profile; paths of single blocks, on profiles and in space."""
+"""Simulation along one profile; paths of single blocks, on profiles and in space."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ class ProfileInput:
 
 @dataclass(frozen=True, slots=True)
 class ProfileResult:
-    """What the blocks of a profile left."""
+    """Results of the blocks of a profile."""
 
     profile: ProfileInput
     rocks: NDArray[np.void]  # ROCK_DTYPE, shape (n_scenarios * n_rocks,)

@@ -121,7 +121,7 @@ class Checkpoint:
 
 
 def state_of(progress: Progress) -> dict[str, NDArray[np.generic]]:
-    """Return everything that has been added up, as plain arrays by name."""
+    """Return all sums as plain arrays by name."""
     state: dict[str, NDArray[np.generic]] = {
         "reasons": progress.reasons,
         "runout": progress.runout,

@@ -121,7 +121,7 @@ class ControlLineSums:
             own["most"][numbers] = np.maximum(own["most"][numbers], more["most"])
 
     def outcomes(self, control_line: int) -> dict[Outcome, int]:
-        """Return how many blocks had which outcome at a control line (its position)."""
+        """Count the blocks by outcome at a control line (its position)."""
         return {o: int(self._outcomes[control_line, o]) for o in Outcome}
 
     def arrivals(self, control_line: int) -> int:
@@ -144,7 +144,7 @@ class ControlLineSums:
         )
 
     def state(self) -> dict[str, NDArray[np.generic]]:
-        """Return everything that is needed to go on later, as plain arrays."""
+        """Return the state needed to go on later, as plain arrays."""
         sums = {f"{n}_{q}": array for q, own in self._of.items() for n, array in own.items()}
         return {"outcomes": self._outcomes, **sums}
 

@@ -1,4 +1,4 @@
-"""What a run on the map will take, before anything is simulated: blocks, memory, time, files."""
+"""Estimate of a run on the map before anything is simulated: blocks, memory, time, files."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ _IN_MAP = 4
 
 @dataclass(frozen=True, slots=True)
 class RunEstimate:
-    """What a run will take."""
+    """Estimate of a run's blocks, memory, time and files."""
 
     blocks: int
     points: int

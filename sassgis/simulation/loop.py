@@ -68,7 +68,7 @@ class Chunk:
 
 @dataclass(frozen=True, slots=True)
 class _Common:
-    """What all chunks of a simulation have in common."""
+    """Data common to all chunks of a simulation."""
 
     run: MapRun
     planned: Plan
@@ -129,7 +129,7 @@ def blocks_on_lines(
 
 
 def on_known_ground(run: MapRun, points: ReleasePoints) -> NDArray[np.bool_]:
-    """Return which release points lie on cells with a height.
+    """Find the release points that lie on cells with a height.
 
     From the others no path is followed.
     """
@@ -170,7 +170,7 @@ _OfScenario = tuple[int, Simulated, NDArray[np.void], FloatArray, FloatArray]
 
 
 def _work(common: _Common, chunk: Chunk) -> ChunkResult:
-    """Return one chunk."""
+    """Simulate one chunk."""
     run, planned = common.run, common.planned
     good, traces, found = (_followed if run.followed else _on_lines)(common, chunk)
     area, each = int(planned.points.area[chunk.points[0]]), run.release.rocks_per_point

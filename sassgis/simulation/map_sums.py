@@ -108,7 +108,7 @@ class MapSums:
         return self.rows_at(cells)
 
     def state(self) -> dict[str, NDArray[Any]]:
-        """Return everything that is needed to go on later, as plain arrays."""
+        """Return the state needed to go on later, as plain arrays."""
         return {"cells": self.cells, **{n: self.column(n) for n in self._sums}}
 
     @classmethod

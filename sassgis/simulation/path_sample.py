@@ -96,7 +96,7 @@ def _even_points(run: MapRun, planned: Plan, most: int) -> IntArray:
 def _followed_again(
     run: MapRun, points: ReleasePoints, scenario: int, rock: int, blocks: int = 1
 ) -> Simulated:
-    """Return some blocks of each release point of an area from one on, with their event logs."""
+    """Follow some blocks of each release point of an area from one on, with their event logs."""
     repetition, number = divmod(rock, run.release.rocks_per_point)
     return follow_blocks(
         run, points, scenario, repetition, rocks_per_point=blocks, first_rock=number,
@@ -113,7 +113,7 @@ def _on_lines_again(
     again: int = 0,
     first: int = 0,
 ) -> tuple[TraceSet, PreparedLines, Simulated | None]:
-    """Return some blocks of release points on their lines, with event logs.
+    """Simulate some blocks of release points on their lines, with event logs.
 
     None if all are too short.
     """

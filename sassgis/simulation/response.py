@@ -34,7 +34,7 @@ _FEWEST_BLOCKS, _FEWEST_CELLS = 20, 10
 
 @dataclass(frozen=True, slots=True)
 class RunOutcome:
-    """What blocks did, as far as it is compared."""
+    """Outcome of the blocks, as far as it is compared."""
 
     runout: IntArray  # shape (n,); blocks that started by run-out, in whole metres
     cells: IntArray  # shape (n_cells,); flat indices of the cells that blocks reach, ascending

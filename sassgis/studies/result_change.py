@@ -1,4 +1,4 @@
-"""What changes from one result to another: maps, zones, run-out, control lines, objects."""
+"""Changes from one result to another: maps, zones, run-out, control lines, objects."""
 
 from __future__ import annotations
 
@@ -131,7 +131,7 @@ class ResultChange:
 
     @property
     def verdict(self) -> str:
-        """What changes on the whole, in a few sentences."""
+        """Changes on the whole, in a few sentences."""
         if all(row.same for row in self.rows) and not self.higher_m2 and not self.lower_m2:
             return "Nothing changes. The two results agree in every number compared."
         return joined(" ", self._sentences())
@@ -205,7 +205,7 @@ def compared_maps(before: StoredResult, after: StoredResult) -> tuple[ComparedMa
 
 
 def levels_differ(before: StoredResult, after: StoredResult) -> str:
-    """Return why hazard levels cannot be compared; empty if they can."""
+    """State why hazard levels cannot be compared; empty if they can."""
     if LEVEL.stem not in before.maps or LEVEL.stem not in after.maps:
         return "Hazard levels are not compared, because one result has none."
     levels = [_levels(r) for r in (before, after)]

@@ -25,7 +25,7 @@ _APART = 0.01
 
 @dataclass(frozen=True, slots=True)
 class StoredResult:
-    """What a folder holds."""
+    """Contents of a result folder."""
 
     folder: Path
     manifest: Mapping[str, Any]

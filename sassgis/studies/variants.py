@@ -1,4 +1,4 @@
-"""What if the values were others: the same blocks once more, for each of a list of variants.
+"""Variants of values: the same blocks once more, for each of a list of variants.
 
 A variant has other values of the ground classes, or another seed; all release the same blocks with
 the same random draws. What they found makes one table of answers, and maps. A sensitivity tries
@@ -125,7 +125,7 @@ def draw_of(ranges: Sequence[ParameterRange], seed: int, number: int) -> Variant
 
 @dataclass(frozen=True, slots=True)
 class VariantFinding(RunOutcome):
-    """What one simulation found: what its blocks did, and what it says of levels and places."""
+    """Result of one simulation: its blocks, and its levels and places."""
 
     reach: IntArray  # shape (n_cells,); blocks that reach each of ``cells``
     # Shape (n_places,); cells with a hazard level, ascending, and their level; none without onset
@@ -198,7 +198,7 @@ def finding_of(
 
 
 class Names(NamedTuple):
-    """What the numbers of findings belong to: levels, stations and barriers, exposed objects."""
+    """Names to the numbers of findings: levels, stations and barriers, exposed objects."""
 
     levels: tuple[str, ...]
     lines: tuple[str, ...]
@@ -207,7 +207,7 @@ class Names(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class Answers:
-    """What simulations say, the base first: a row for each, a column for each measure."""
+    """Answers of simulations, the base first: a row for each, a column for each measure."""
 
     variants: tuple[Variant, ...]
     units: Mapping[str, str]  # of each measure, by its name
@@ -261,7 +261,7 @@ def _measures(
 
 @dataclass(frozen=True, slots=True)
 class RangeEffect:
-    """What the range of one parameter does to one measure."""
+    """Effect of the range of one parameter on one measure."""
 
     range: ParameterRange
     measure: str

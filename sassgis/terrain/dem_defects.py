@@ -1,4 +1,4 @@
-"""What is wrong with the heights of a terrain model: terraces, spikes, pits, holes.
+"""Defects in the heights of a terrain model: terraces, spikes, pits, holes.
 
 Everything here works on plain arrays: row 0 in the north, NaN where nothing is known.
 """
@@ -90,7 +90,7 @@ def equal_neighbours(values: FloatArray, dx_m: float, dy_m: float) -> float:
 
 
 def bumps_m(values: FloatArray) -> FloatArray:
-    """Return how far each cell stands above all four lines through opposite neighbours (m).
+    """Measure how far each cell stands above all four lines through opposite neighbours (m).
 
     Positive for spikes, negative for single pits, and 0 for all others: where a neighbour is
     missing, on planes, ridges and steps, and where the neighbours are as uneven themselves (a bump

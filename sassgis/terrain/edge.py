@@ -112,7 +112,7 @@ def beyond_edge(
 
 
 def _chosen(grid: Grid, x: FloatArray, y: FloatArray) -> IntArray:
-    """Return some of the starts with a height, by their number: evenly, and the highest."""
+    """Choose some of the starts with a height, by their number: evenly, and the highest."""
     z = grid.value_at(x, y)
     known = np.flatnonzero(np.isfinite(z))
     half = _STARTS // 2

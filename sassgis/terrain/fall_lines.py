@@ -190,7 +190,7 @@ def _trace_line(
     max_length: float,
     line: FloatArray,
 ) -> tuple[FloatArray, int, int]:
-    """Return one line into the buffer ``line`` of rows (u, v, s).
+    """Trace one line into the buffer ``line`` of rows (u, v, s).
 
     The buffer, its fill and the LineEnd.
     """

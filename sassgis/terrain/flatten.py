@@ -125,7 +125,7 @@ def xy_to_chainage(
 
 
 def crossings(traces: TraceSet, control_line_line: FloatArray) -> tuple[IntArray, FloatArray]:
-    """Return where a polyline on the map is crossed by fall lines.
+    """Find where a polyline on the map is crossed by fall lines.
 
     Parameters
     ----------

@@ -42,7 +42,7 @@ def narrow_parts(polygon: shapely.Polygon, spacing_m: float) -> list[shapely.Pol
 def points_along(
     polygon: shapely.Polygon, parts: Sequence[shapely.Polygon], count: int, spacing_m: float
 ) -> tuple[FloatArray, FloatArray]:
-    """Return so many points along the narrow parts of a polygon, each for an equal area of them.
+    """Place so many points along the narrow parts of a polygon, each for an equal area of them.
 
     Returns
     -------
@@ -112,7 +112,7 @@ def _walk(part: shapely.Polygon, edge_m: float) -> tuple[FloatArray, FloatArray]
 
 
 def _neighbours(corners: IntArray, n_vertices: int) -> csr_array:
-    """Return which triangles share an edge; a row of three vertices each."""
+    """Find the triangles that share an edge; a row of three vertices each."""
     ends = np.sort(corners[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1)
     edge = ends[:, 0] * n_vertices + ends[:, 1]
     owner = np.repeat(np.arange(len(corners)), 3)

@@ -51,7 +51,7 @@ class NodataTraces:
 
     @property
     def words(self) -> str:
-        """What they are, in words."""
+        """Description of the traces in words."""
         side = "below" if self.below_m > 0.0 else "above"
         count, by = int(self.cells.sum()), abs(self.below_m)
         return f"{count} cells lie about {by:.0f} m {side} the ground beside them"
@@ -79,7 +79,7 @@ def nodata_traces(values: FloatArray, cell_m: float) -> NodataTraces:
 
 
 def _gap_m(values: FloatArray, false: BoolArray, walls: BoolArray) -> float:
-    """Return how far false cells lie below the calm ground behind their walls (m)."""
+    """Measure how far false cells lie below the calm ground behind their walls (m)."""
     clusters, _ = ndimage.label(walls, _AROUND)
     met = np.unique(clusters[ndimage.binary_dilation(false, _AROUND)])
     behind = ndimage.binary_dilation(np.isin(clusters, met[met > 0]), _AROUND)
@@ -147,7 +147,7 @@ def _areas_below(
 
 
 def _relief(values: FloatArray, cells: IntArray, within: int) -> tuple[FloatArray, FloatArray]:
-    """Return how far the ground within some cells of others (flat indices) rises and falls (m)."""
+    """Measure how far the ground within some cells of others (flat indices) rises and falls (m)."""
     row, col = np.divmod(cells, values.shape[1])
     own = values.ravel()[cells]
     above, below = np.zeros(cells.size), np.zeros(cells.size)

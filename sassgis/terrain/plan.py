@@ -17,7 +17,7 @@ from sassgis.terrain.surface import Surface
 
 @dataclass(frozen=True, slots=True)
 class Plan:
-    """What will be simulated, before anything is."""
+    """Plan of a simulation before anything is simulated."""
 
     points: ReleasePoints  # as placed in the release areas
     starts: ReleasePoints  # where their fall lines begin

@@ -76,7 +76,7 @@ def prepare_lines(run: MapRun, traces: TraceSet) -> PreparedLines:
 def control_line_crossings(
     control_lines: Sequence[tuple[ControlLine, FloatArray]], traces: TraceSet
 ) -> ControlLineCrossings:
-    """Return where lines cross stations and barriers, by rising chainage."""
+    """Find where lines cross stations and barriers, by rising chainage."""
     found = [crossings(traces, trace) for _, trace in control_lines]
     line = np.concatenate([np.empty(0, np.int64), *(f[0] for f in found)])
     chainage = np.concatenate([np.empty(0), *(f[1] for f in found)])

@@ -81,7 +81,7 @@ def points_expected(geometry: BaseGeometry, spacing_m: float) -> float:
 
 
 def points_by_size(geometry: BaseGeometry, spacing_m: float) -> float:
-    """Return how many release points the size of a geometry asks for: area / spacing² and so on."""
+    """Count the release points by the size of a geometry: area / spacing² and so on."""
 
     def of(part: BaseGeometry) -> float:
         return part.area / spacing_m / spacing_m or part.length / spacing_m or 1.0
@@ -215,7 +215,7 @@ def _checked(name: str, geometry: BaseGeometry | None) -> BaseGeometry:
 def _points_of(
     name: str, geometry: BaseGeometry, release: ReleaseSettings, seed: int
 ) -> tuple[FloatArray, FloatArray]:
-    """Return all release points of one area and their sides, part by part."""
+    """Place all release points of one area and their sides, part by part."""
     spacing = release.spacing_m
     parts = _simple_parts(geometry)
     polygons = [part for part in parts if isinstance(part, shapely.Polygon)]
@@ -248,7 +248,7 @@ def _simple_parts(geometry: BaseGeometry) -> list[BaseGeometry]:
 
 
 def meeting(shapes: Sequence[BaseGeometry | FloatArray], grid: Grid) -> tuple[int, ...]:
-    """Return which of some shapes meet the rectangle of a grid.
+    """Find which of some shapes meet the rectangle of a grid.
 
     Lines may be given as coordinates.
     """

@@ -133,7 +133,7 @@ def evaluate(surface: Surface, x: FloatArray, y: FloatArray) -> tuple[FloatArray
 
 
 def _plane(values: FloatArray, valid: BoolArray) -> FloatArray:
-    """Return least-squares plane through the valid heights, on the whole grid."""
+    """Fit the least-squares plane through the valid heights, on the whole grid."""
     count = int(valid.sum())
     if count == 0:
         raise InputError("the grid has no height at all", field="DEM", found="nodata only")

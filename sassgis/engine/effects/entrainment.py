@@ -78,7 +78,7 @@ def prepare(settings: Entrainment | None) -> LooseBlocks:
 
 @lean
 def blocks_entrained(loose: LooseBlocks, key: np.uint64, number: int, lost: float) -> int:
-    """Return how many blocks an impact that takes ``lost`` (J) entrains: Poisson, at most 20."""
+    """Draw how many blocks an impact that takes ``lost`` (J) entrains: Poisson, at most 20."""
     mean = loose.number
     if loose.form == ENERGY:
         mean *= lost / loose.energy

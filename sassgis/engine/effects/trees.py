@@ -330,7 +330,7 @@ def before_flight(
     gravity: float,
     longest: float,
 ) -> float:
-    """Return how long a flight may go on before the forest changes or a stem is met (s)."""
+    """Compute the time of flight (s) before the forest changes or a stem is met."""
     direction = 1 if state.vx >= 0.0 else -1
     ahead, gap = to_other_forest(site.stretches, state.stretch, state.x, direction)
     stretch = site.stretches[ahead]

@@ -44,7 +44,7 @@ class Quantity:
 
 @dataclass(frozen=True, slots=True)
 class Identifiable:
-    """What observations support, and what not."""
+    """Quantities that observations support, and those that they do not."""
 
     rocks: int
     unattributed: int  # blocks and passages that belong to none of the rocks
@@ -58,7 +58,7 @@ class Identifiable:
 
 
 def what_is_identifiable(observations: Observations) -> Identifiable:
-    """Return which quantities the data support, and what they do not identify."""
+    """Find the quantities that the data support, and those that they do not identify."""
     quantities = []
     unattributed = 0
     for table, data in observations.tables.items():

@@ -1,4 +1,4 @@
-"""What is told first: how far the configured model is off, what to set, what follows."""
+"""Recommendation: how far the configured model is off, what to set, what follows."""
 
 from __future__ import annotations
 
@@ -100,7 +100,7 @@ def model_gaps(
 def _arrivals(
     problem: SiteData, place: str, column: int, seen: BoolArray, made: BoolArray
 ) -> ModelGap:
-    """Return how many more rocks arrived at a station than do in the model (% of the rocks).
+    """Compute the surplus of rocks at a station over the model's (% of the rocks).
 
     Fewer say nothing: a station may miss rocks. ``seen``: recorded there, shape (n_rocks,);
     ``made``: the same of campaigns of the model, shape (m, n_rocks).

@@ -91,14 +91,14 @@ class ParameterDraws:
         return draw(name, limits.low, limits.high)
 
     def one_of(self, name: str, choices: Sequence[str], shares: Sequence[float]) -> str:
-        """Return one of some words."""
+        """Draw one of some words."""
         edges = np.cumsum(shares) / sum(shares)
         return choices[min(int(np.searchsorted(edges, self.share(name), "right")), len(edges) - 1)]
 
 
 @dataclass(frozen=True, slots=True)
 class Fit:
-    """What the diagnosis fits of an effect."""
+    """Fit of an effect in the diagnosis."""
 
     ranges: Mapping[str, Range]  # of all forms; a parameter that is not named keeps its default
     #: How often each form is tried, relative to the others; empty if the effect has one law.
@@ -137,7 +137,7 @@ def usual_scatter(values: FloatArray) -> float:
 
 @dataclass(frozen=True, slots=True)
 class CausePart:
-    """What one cause sets of a model: its form, the change, and the parameters to report."""
+    """Part of a model set by one cause: its form, the change, and the parameters to report."""
 
     form: str
     change: Callable[[HypothesisModel], HypothesisModel]
@@ -159,7 +159,7 @@ Placing = Callable[[Case, Sequence[HypothesisModel]], tuple[str, ...]]
 
 
 class Unseen(Exception):
-    """What a fingerprint takes was not observed, or of too few rocks."""
+    """Error where what a fingerprint takes was not observed, or of too few rocks."""
 
 
 @dataclass(frozen=True, slots=True)

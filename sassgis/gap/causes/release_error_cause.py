@@ -73,7 +73,7 @@ def _position_error(case: Case, paths: Mapping[int, IntArray]) -> float:
 
 
 def _first_point(case: Case, residuals: ResidualTable) -> Scores:
-    """Return where a rock is at first, against where it is said to have been released."""
+    """Compare the first place of a rock with its stated place of release."""
     rocks, track = case.observations.rocks, case.observations.trajectories
     names = case.observations.rock_names
     place = {name: i for i, name in enumerate(rocks.rock_id.tolist())}
@@ -140,7 +140,7 @@ def _first_contact(case: Case, residuals: ResidualTable) -> Scores:
 
 
 def _contact_above_start(case: Case, residuals: ResidualTable) -> Scores:
-    """Return how far above its stated start a rock touched the ground at the highest."""
+    """Measure how far above its stated start a rock touched the ground at the highest."""
     over = above_release_m(case.observations, case.grid)
     rock = case.observations.rock_of("impacts")
     highest = np.full(case.n_rocks, -np.inf)

@@ -66,7 +66,7 @@ _SEEM_STRUCK_AT_CONTACTS = 0.01
 
 
 def _length(case: Case) -> float:
-    """Return how far rocks come: the furthest that was observed, or the shortest line (m)."""
+    """Return the furthest run-out observed, or the length of the shortest line (m)."""
     ends = case.profiles.s[case.profiles.offset[1:] - 1]
     seen = [
         float(np.nanmax(put.s))

@@ -167,7 +167,7 @@ def run_site(task: CalibrationTask, at: SiteAt) -> Misfits:
 
 @dataclass(frozen=True, slots=True)
 class Calibrated:
-    """What was found, and what follows from it."""
+    """Result of a calibration, and what follows from it."""
 
     told: tuple[Told, ...]  # by site
     posterior: Posterior
@@ -249,7 +249,7 @@ class SiteResult:
 
 @dataclass(frozen=True, slots=True)
 class SiteCalibration:
-    """What a calibration found."""
+    """Result of a calibration at sites."""
 
     fitted: tuple[Fitted, ...]
     combinations: int  # of parameters that are identified

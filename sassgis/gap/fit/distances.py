@@ -53,7 +53,7 @@ def bootstrap_rows(rock: IntArray, draws: int, rng: np.random.Generator) -> Iter
 
 
 def times_drawn(unit: IntArray, rng: np.random.Generator, samples: int) -> FloatArray:
-    """Return how often each rock is in bootstrap samples of units, shape (samples, n_rocks).
+    """Count how often each rock is in bootstrap samples of units, shape (samples, n_rocks).
 
     ``unit``: of each rock, shape (n_rocks,), numbered from 0.
     """
@@ -248,7 +248,7 @@ class RockDistances:
 
     @property
     def floor(self) -> float:
-        """What chance leaves: the mean distance of a replica from the others, near zero."""
+        """Distance by chance: the mean distance of a replica from the others, near zero."""
         return float(self.floors.mean())
 
     @property

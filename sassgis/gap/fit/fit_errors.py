@@ -45,7 +45,7 @@ class QuantityErrors:
 
 @dataclass(frozen=True, slots=True)
 class TableScore:
-    """What one table of observations has to do with the calibration."""
+    """Scores of one table of observations in the calibration."""
 
     table: str
     rocks: int  # with anything in it that is scored

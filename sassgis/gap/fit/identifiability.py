@@ -1,4 +1,4 @@
-"""What the observations identify: parameters, classes, trade-offs, sites that contradict."""
+"""Identifiability: parameters, classes, trade-offs, sites that contradict."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ class Misfits:
 
 @dataclass(frozen=True, slots=True)
 class Told:
-    """What some rocks say of the parameters, by the linear model about the best ones."""
+    """Evidence of some rocks on the parameters, by the linear model about the best ones."""
 
     best: FloatArray  # shape (d,); standard normal before any rock is seen
     precision: FloatArray  # shape (d, d); of the numbers, as if each were independent of the others

@@ -39,7 +39,7 @@ _MOST_TURN_DEG = 45.0
 
 @dataclass(frozen=True, slots=True)
 class ObservedNumbers:
-    """What was observed, in numbers that campaigns are compared with."""
+    """Observations in the numbers with which campaigns are compared."""
 
     observed: FloatArray  # shape (p,)
     error: FloatArray  # standard error of each, by drawing the rocks (or groups of them) anew

@@ -326,7 +326,7 @@ def _scored(name: str, values: FloatArray) -> FloatArray:
 def replicas(
     problem: SiteData, model: HypothesisModel, number: int, count: int
 ) -> list[Mapping[str, FloatArray]]:
-    """Return what each rock shows in ``count`` campaigns of a model.
+    """Simulate what each rock shows in ``count`` campaigns of a model.
 
     ``number`` distinguishes them.
     """
@@ -352,7 +352,7 @@ def rows_of(problem: SiteData, samples: Sequence[Mapping[str, FloatArray]]) -> F
 
 @dataclass(frozen=True, slots=True)
 class Prediction:
-    """What a model makes of the observed rocks."""
+    """Prediction of the observed rocks by a model."""
 
     #: Everything that is compared, by quantity, shape (count or draws, n_rocks).
     replicas: Mapping[str, FloatArray]

@@ -1,4 +1,4 @@
-"""What a hypothesis sets: ground, effects, deviation from the fall line, errors."""
+"""Settings of a hypothesis: ground, effects, deviation from the fall line, errors."""
 
 from __future__ import annotations
 

@@ -51,7 +51,7 @@ def observe(
     rng: np.random.Generator,
     tables: frozenset[str],
 ) -> list[Campaign]:
-    """Return what ``count`` campaigns show to the observer of the case.
+    """Simulate what ``count`` campaigns show to the observer of the case.
 
     Errors of release and measurement of the model, and offsets from the fall line, come on top.
     ``moved``: every rock ``count`` times.
@@ -89,7 +89,7 @@ def _of_campaign(rows, campaign: int, n: int):  # type: ignore[no-untyped-def]
 
 
 class _Record:
-    """What ``count`` campaigns left, with the errors of those who look.
+    """Records of ``count`` campaigns, with the errors of the observers.
 
     Rocks are numbered campaign by campaign: rock + campaign * n_rocks. A loose block carries
     -1 less the number of the rock that set it off, so that it stays with its campaign.

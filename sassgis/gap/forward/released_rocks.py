@@ -48,7 +48,7 @@ class Releases:
 
 @dataclass(frozen=True, slots=True)
 class Moved:
-    """What released rocks did."""
+    """Motion of released rocks."""
 
     #: ROCK_DTYPE. ``line``: row of the releases. ``runout_m``: chainage on the fall line of the
     #: rock, beyond its end straight on.

@@ -209,7 +209,7 @@ def project_observations(
 def station_chainages(
     traces: TraceSet, stations: Stations, *, prolong_m: float = 0.0
 ) -> StationChainages:
-    """Return where each fall line crosses each station.
+    """Find where each fall line crosses each station.
 
     Stations are prolonged straight on at both ends by ``prolong_m`` (m): a fall line may pass just
     beside a line across the slope that every rock crossed.

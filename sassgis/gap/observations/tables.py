@@ -1,4 +1,4 @@
-"""What was observed on a slope: rocks, stations, passages, impacts, contacts, stops, paths.
+"""Observations on a slope: rocks, stations, passages, impacts, contacts, stops, paths.
 
 Every table and every column but the identifiers may be missing. A missing number is NaN; a table
 says by ``present`` which of its columns hold any. SI units, in the name of the column.
@@ -75,7 +75,7 @@ T = TypeVar("T", bound="Table")
 
 
 class Table:
-    """What the tables have in common; each is a frozen dataclass of arrays of one length.
+    """Base of the tables; each is a frozen dataclass of arrays of one length.
 
     Its fields are the schema: name, unit, meaning and limits of each column stand there. Reading,
     template, checks, what is identifiable and ``docs/observations.md`` follow from it.

@@ -65,7 +65,7 @@ _Bounds = tuple[IntArray, IntArray]
 
 @dataclass(frozen=True, slots=True)
 class _Piece:
-    """What one flight or stretch along the ground says: value, prediction, weight by quantity."""
+    """One flight or stretch along the ground: value, prediction, weight by quantity."""
 
     rock: int
     s: float

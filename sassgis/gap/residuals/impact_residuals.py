@@ -229,7 +229,7 @@ class ImpactsInFlight:
     has_spin: NDArray[np.bool_]
 
     def take(self, rows: IntArray) -> ImpactsInFlight:
-        """Return some of them."""
+        """Select some of the rows."""
         columns = {f.name: getattr(self, f.name) for f in fields(self) if f.name != "impacts"}
         chosen = {name: values[rows] for name, values in columns.items()}
         return ImpactsInFlight(self.impacts.take(rows), **chosen)

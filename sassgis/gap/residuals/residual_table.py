@@ -87,7 +87,7 @@ class StepTable:
         return self.where(own)
 
     def where(self, chosen: NDArray[np.bool_]) -> StepTable:
-        """Return some of the rows."""
+        """Select some of the rows."""
         return StepTable(*(getattr(self, f.name)[chosen] for f in fields(self)))
 
     @property

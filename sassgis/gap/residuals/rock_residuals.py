@@ -116,7 +116,7 @@ def holm_adjusted(p: FloatArray) -> FloatArray:
 def mean_gap_tests(
     values: FloatArray, *, draws: int, rng: np.random.Generator, unit: IntArray | None = None
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return which mean gaps differ from zero, adjusted for the number of them.
+    """Test which mean gaps differ from zero, adjusted for their number.
 
     Under the null the signs of all entries of a unit may be flipped together: exact if gaps are
     symmetric about zero. Of our own making: ``scipy.stats.permutation_test`` flips signs as well,

@@ -44,7 +44,7 @@ class AtStations:
 
 @dataclass(frozen=True, slots=True)
 class Ends:
-    """What is left of released rocks; float64, shape (n, count), of observed ones (n,)."""
+    """Ends of released rocks; float64, shape (n, count), of observed ones (n,)."""
 
     # Chainage and lateral offset of the largest block.
     runout_m: FloatArray
@@ -94,7 +94,7 @@ class FreeRun:
 
 @dataclass(frozen=True, slots=True)
 class RunModel:
-    """What the rocks of a case are run with."""
+    """Model with which the rocks of a case are run."""
 
     moving: HypothesisModel
     rock_lines: RockLines

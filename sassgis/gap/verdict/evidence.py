@@ -1,4 +1,4 @@
-"""What speaks for causes at a site: models without an effect, causes added to them, the answer."""
+"""Evidence for causes at a site: models without an effect, causes added to them, the answer."""
 
 from __future__ import annotations
 
@@ -159,7 +159,7 @@ class _Left:
 
 
 def _left_by(summary: SiteSummary, task: _Left) -> tuple[GapFinding, ...]:
-    """Return where the gap lies with a model in place of the base."""
+    """Locate the gap with a model in place of the base."""
     problem = summary.problem
     case, residuals = residuals_with(
         problem.case, task.model, seed=problem.seed, replicates=task.count
@@ -225,7 +225,7 @@ class AddedCauses:
         return self.fit(effect).held_out_rows(self.made.problem.part)
 
     def shrinkage(self, effect: str, without: str = "") -> Shrinkage:
-        """Return how far the gap shrinks by an effect, on rocks left out."""
+        """Measure how far the gap shrinks by an effect, on rocks left out."""
         before = self.rows(without) if without else self.made.rows(self.base)
         return shrinkage_of(self.made.problem, before, effect, self.rows(effect))
 

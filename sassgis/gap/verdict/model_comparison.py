@@ -40,7 +40,7 @@ _SAMPLES = 999
 
 
 def group_weights(group: IntArray, rng: np.random.Generator, samples: int) -> FloatArray:
-    """Return how often each rock is in bootstrap samples of the groups, shape (samples, n_rocks).
+    """Count how often bootstrap samples of groups hold each rock, shape (samples, n_rocks).
 
     ``group``: of each rock, numbered from 0.
     """
@@ -168,7 +168,7 @@ def ground_is_enough(ladder: Sequence[Rung]) -> bool:
 
 
 def shrinkage_of(problem: SiteData, base: FloatArray, effect: str, rows: FloatArray) -> Shrinkage:
-    """Return how far the gap of the calibrated base shrinks by an effect, on held-out rocks.
+    """Measure how far the calibrated base's gap shrinks by an effect, on held-out rocks.
 
     ``base``, ``rows``: held-out replicas of each rock, without and with the effect, shape
     (m, n_rocks, p).

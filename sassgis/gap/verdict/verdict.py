@@ -90,7 +90,7 @@ _LARGE = 0.8
 
 @dataclass(frozen=True, slots=True)
 class Thresholds:
-    """What was set on sites of development, and is frozen for all that is reported."""
+    """Thresholds set on sites of development, and frozen for all that is reported."""
 
     level: float = 0.01  # adjusted p value up to which a fingerprint is significant
     named: float = 0.6  # probability from which a family is named
@@ -370,7 +370,7 @@ FEATURES = ("clear", "usual", "gain", "share")
 
 @dataclass(frozen=True, slots=True)
 class CauseWeights:
-    """What evidence counts."""
+    """Weights of the evidence."""
 
     weights: FloatArray  # shape (4,); of FEATURES
     offset: float  # by which no cause is more likely than "none" before any evidence

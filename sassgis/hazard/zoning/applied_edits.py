@@ -139,7 +139,7 @@ def with_edits(
 
 
 def _acts(edit: Edit, level: IntArray) -> Any:
-    """Return where an edit changes a level, or confirms it with its own."""
+    """Find where an edit changes a level, or confirms it with its own."""
     if edit.limit == "at_least":
         return level < edit.level
     if edit.limit == "at_most":

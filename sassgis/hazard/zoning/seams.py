@@ -76,7 +76,7 @@ def joined_at_seams(
 
 
 def _seam(before: Stacks, after: Stacks, middle: float, half: float, axis: int) -> float:
-    """Return where the areas of two parts differ least; among equals nearest to the middle."""
+    """Find where the areas of two parts differ least; among equals nearest to the middle."""
     low, high = middle - half, middle + half
     at = np.round(np.linspace(low, high, _CHOICES), 3)
     ends = np.full((at.size, 2, 2), [[-_FAR], [_FAR]])

@@ -1,4 +1,4 @@
-"""What changes from one result to another: maps, zones and tables."""
+"""Changes from one result to another: maps, zones and tables."""
 
 from __future__ import annotations
 

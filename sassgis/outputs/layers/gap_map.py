@@ -261,7 +261,7 @@ def stand_polygon(case: Case, stand: tuple[float, float]) -> shapely.MultiPolygo
 
 
 def stand_layer(case: Case, model: HypothesisModel) -> VectorLayer | None:
-    """Return where a fitted forest would have to stand; None if none was fitted."""
+    """Map where a fitted forest would have to stand; None if none was fitted."""
     stand = model.stand
     if stand is None:
         return None

@@ -156,7 +156,7 @@ def fall_lines(run: MapRun, planned: Plan, progress: Progress) -> VectorLayer:
 
 
 def stops(run: MapRun, planned: Plan, progress: Progress) -> VectorLayer:
-    """Return where single blocks end: all of them, or an even share of all."""
+    """Map where single blocks end: all of them, or an even share of all."""
     total = int(progress.reasons.sum()) + progress.pieces
     rows = kept_stops(run, progress)
     on_map = np.isfinite(rows.x) & np.isfinite(rows.y)

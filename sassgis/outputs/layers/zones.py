@@ -44,7 +44,7 @@ def joined_layers(parts: Sequence[Sequence[VectorLayer]]) -> list[VectorLayer]:
 
 
 def zone_sources(hazard: Hazard) -> pd.DataFrame:
-    """Return which source has which share in each zone, a row for each of both that is above 0."""
+    """Tabulate the share of each source in each zone, a row for each share above 0."""
     facts = hazard.facts
     zone, source = np.nonzero(np.nan_to_num(facts.shares) > 0.0)
     sources = [s.source for s in hazard.sampled]
@@ -112,7 +112,7 @@ def uncertain_zones(uncertain_cells: np.ndarray, grid: Grid, confidence: float) 
 
 
 def reached_limit(reached: IntArray, grid: Grid) -> VectorLayer:
-    """Return how far simulated blocks came at all, however rarely; ``reached`` are flat cells."""
+    """Outline how far simulated blocks came at all, however rarely; ``reached`` are flat cells."""
     return _outlined("reached_limit", reached, grid, REACHED_STYLE)
 
 
@@ -126,7 +126,7 @@ def _outlined(
 
 
 def open_limits(hazard: Hazard, preset: HazardPreset, grid: Grid) -> VectorLayer:
-    """Return where zones end at the edge of the known terrain, beyond which they go on."""
+    """Map where zones end at the edge of the known terrain, beyond which they go on."""
     limits, length = hazard.facts.open_limit, hazard.facts.open_m
     zone = np.flatnonzero(length > 0.0)
     columns = {

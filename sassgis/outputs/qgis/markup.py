@@ -149,7 +149,7 @@ def _shading(layer: RasterLayer) -> _Shading:
 
 
 def _map_tip(layer: VectorLayer) -> str:
-    """Return what QGIS shows of a feature under the pointer: the first columns with their units."""
+    """Write the map tip of a feature in QGIS: the first columns with their units."""
     rows = (
         f'<tr><td>{html.escape(layer.fields[name].alias)}</td><td><b>[% "{name}" %]</b> '
         f"{html.escape(layer.fields[name].unit)}</td></tr>"

@@ -36,7 +36,7 @@ _ON_SHEETS = ("barriers", "release_areas", *_EXPOSED)
 
 @dataclass(frozen=True, slots=True)
 class SheetWords:
-    """What every sheet of a run says.
+    """Words common to every sheet of a run.
 
     ``around`` are the keys of layers on top of its map, ``ground`` is that of the lowest.
     """

@@ -65,7 +65,7 @@ def _rank(layer: LayerEntry) -> int:
 
 
 def _legend_texts(layer: LayerEntry, title: str, classes: Sequence[str]) -> dict[str, str]:
-    """Return what QGIS shows of a layer in the legend, by the name of the property."""
+    """Return QGIS's legend texts of a layer, by the name of the property."""
     raster = isinstance(layer.content, RasterLayer)
     texts = {"legend/title-label": title}
     if raster:

@@ -64,7 +64,7 @@ class Attribute:
 
     @property
     def expected(self) -> str:
-        """What may stand there, in words."""
+        """Allowed values, in words."""
         words = {
             "boolean": "true or false",
             "code": f"one of {', '.join(self.codes)}",

@@ -62,7 +62,7 @@ class ValidationResult:
 
     @property
     def errors(self) -> list[Finding]:
-        """What makes the file invalid."""
+        """Errors that make the file invalid."""
         return [f for f in self.findings if f.severity == "error"]
 
     def lines(self) -> list[str]:

@@ -1,4 +1,4 @@
-"""What is drawn on maps beside their values: zones, release, fall lines, control lines, objects."""
+"""Marks on maps next to their values: zones, release, fall lines, control lines, objects."""
 
 from __future__ import annotations
 
@@ -58,7 +58,7 @@ class MapName:
 
 @dataclass(frozen=True, slots=True)
 class MapMarks:
-    """What lies over the values of a map; coordinates in m, of shape (n, 2)."""
+    """Marks over the values of a map; coordinates in m, of shape (n, 2)."""
 
     # Outlines of the release areas; arrays of one or two rows are drawn as points.
     release: Sequence[FloatArray] = ()

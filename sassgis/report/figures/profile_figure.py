@@ -51,7 +51,7 @@ _STRIP_PT = 7.0
 
 @dataclass(frozen=True, slots=True)
 class ProfilePanel:
-    """What one panel of a profile figure shows."""
+    """Contents of one panel of a profile figure."""
 
     s: FloatArray  # chainage and height of the vertices of the slope (m), shape (n,)
     z: FloatArray

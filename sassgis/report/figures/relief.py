@@ -89,7 +89,7 @@ class MapView:
         return values[self.rows, self.cols]
 
     def holds(self, points: FloatArray) -> NDArray[np.bool_]:
-        """Return which of 40 by 40 fields of the map hold a point; coordinates of shape (n, 2)."""
+        """Find which of 40 by 40 fields of the map hold a point; coordinates of shape (n, 2)."""
         west, south, east, north = self.box
         sides = (-north, -south), (west, east)
         found, *_ = np.histogram2d(-points[:, 1], points[:, 0], 40, sides)
