@@ -1,4 +1,4 @@
-"""Many release areas over a large terrain model: each alone, and all of them on one map.
+"""Many release areas over a large terrain model: each by itself, and all of them on one map.
 
 Each area is zoned on the part of the terrain model that its fall lines need, and keeps its sums in
 its folder. The mosaic is added up from these files: frequencies of areas add. Areas are taken in
@@ -59,7 +59,7 @@ _CHANGED = (
 )
 #: Bytes of a process that runs small areas.
 _PROCESS = 800 << 20
-#: From so many areas for each core on, every core has areas of its own.
+#: From so many areas for each core on, every core has separate areas.
 _AREAS_PER_CORE = 4
 
 
@@ -108,13 +108,13 @@ def batch(
     out : path
         Folder to write: ``areas/<name>/`` for each area, ``mosaic/`` and ``summary.csv``.
     config : path, optional
-        Everything else; default the only TOML file in the folder, or beside the file.
+        Everything else; default the only TOML file in the folder, or next to the file.
     dem : path, optional
         In place of that of the configuration: a raster, a VRT or a folder of tiles.
     overwrite : bool
         Whether results that were made from other settings or inputs may be replaced.
     mosaic_only : bool
-        Whether areas keep only their sums, without maps, zones and a report of their own.
+        Whether areas keep only their sums, without maps, zones and a separate report.
     memory_gb : float, optional
         Memory that all processes together may take (GB): it limits the number of areas at work,
         and larger mosaics are made block by block. The part of the terrain that one area needs
@@ -377,7 +377,7 @@ def _named(release: ReleaseSettings, by_file: bool) -> list[tuple[str, ReleaseSe
 class AreaOutcome:
     """Outcome of an area: its record, or why it is skipped; and the seconds that it took.
 
-    What there was to tell of saved states comes with it from a process that nobody listens to.
+    What there was to say of saved states comes with it from a process that nobody listens to.
     """
 
     record: Record | None

@@ -408,7 +408,7 @@ def _write_maps(
     cores: int,
     tell: Callable[[str], None],
 ) -> Maps:
-    """Write the maps of all blocks, as ``divided`` gives them, several at a time.
+    """Write the maps of all blocks, as ``divided`` returns them, several at a time.
 
     Returns
     -------
@@ -476,7 +476,7 @@ def groups(areas: Sequence[Reached], beside: int) -> list[list[Reached]]:
 
     Drawing a zone looks at what lies within so many cells of it: groups do not feel each other.
     """
-    # As drawing.drawn_zones tells places apart, and a little more.
+    # As drawing.drawn_zones distinguishes places, and a little more.
     half = beside // 2 + 3
     boxes = [a.counted.grown(half, half, half, half) for a in areas]
     low = np.array([[b.row, b.col] for b in boxes])

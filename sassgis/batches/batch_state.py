@@ -52,7 +52,7 @@ class Record:
     control_lines: tuple[int, ...]
     objects: tuple[int, ...]
     notices: tuple[str, ...]  # what the readers had to say
-    sums_only: bool  # whether it has no maps and zones of its own
+    sums_only: bool  # whether it has no separate maps and zones
     reached: int  # cells with counts, once for each block scenario
     # First row and column, and numbers of them, of the smallest part with all cells with counts.
     counted: tuple[int, int, int, int]
@@ -95,7 +95,7 @@ def write_record(folder: Path, record: Record) -> None:
 def read_record(folder: Path, tell: Callable[[str], None]) -> Record | None:
     """Read the record of an area; None if the folder holds no whole result of a batch.
 
-    A result whose record or sums are not as they were saved is none, which is told.
+    A result whose record or sums are not as they were saved is none, which is reported.
     """
     file = folder / RECORD_NAME
     if not (file.is_file() and (folder / MANIFEST_NAME).is_file()):
@@ -182,7 +182,7 @@ def added_up(
     planned : Plan, optional
         Of all areas: then fall lines, stops, reasons and run-out are added up as well.
     only_energies_kj : float64, shape (n,), optional
-        Counts of single sources at these energies alone, of those of ``bins``, without the sums of
+        Counts of single sources only at these energies, of those of ``bins``, without the sums of
         all blocks in a cell: a fraction of the memory.
     """
     control_lines = tuple(g for g, _ in run.control_lines)

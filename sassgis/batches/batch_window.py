@@ -37,7 +37,7 @@ _COARSER = 4
 _MORE = 1.25
 #: Share of the length of the fall lines by which a part is wider than they, for followed paths.
 _ASIDE = 0.15
-#: Cells beside one that a path looks at whose heights count there, next to half a block.
+#: Cells next to one that a path looks at whose heights count there, next to half a block.
 _BESIDE = 3
 
 Sides = tuple[int, int, int, int]

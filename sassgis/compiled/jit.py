@@ -134,7 +134,7 @@ def _is_private(group: int) -> bool:
 def kernel(function: F) -> F:
     """Compile a function with numba: without the GIL, IEEE division.
 
-    Compiled code calls it as a part of its own. Where Python calls it, machine code is made of it
+    Compiled code calls it as a separate part. Where Python calls it, machine code is made of it
     and of all that it calls, and kept (machine_code.py).
     """
     return _part(function, _nrt=True, forceinline=False)
@@ -159,7 +159,7 @@ def fused(function: F) -> F:
 
 
 def inlined(function: F) -> F:
-    """Put in the place of each call before types are found, without LLVM code of its own.
+    """Put in the place of each call before types are found, without separate LLVM code.
 
     For short functions that take what differs from call to call, such as None: the types are found
     anew at each call. What stands in a kernel counts references at each call, as the kernel does.

@@ -129,7 +129,7 @@ class _Place:
     def __init__(self, function: Any, file: str) -> None:
         folder = os.path.join(config.CACHE_DIR, function.__module__)
         stamp = hashlib.sha256(Path(file).read_bytes()).hexdigest()
-        line = str(function.__code__.co_firstlineno)  # tells functions of one name apart
+        line = str(function.__code__.co_firstlineno)  # distinguishes functions of one name
         self.ensure_cache_path = partial(os.makedirs, folder, exist_ok=True)
         self.get_cache_path = lambda: folder
         self.get_source_stamp = lambda: stamp

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from sassgis.compiled.jit import kernel
 from sassgis.grid import IntArray
 
-# Streams: what a draw is for. An effect that needs draws takes streams of its own.
+# Streams: what a draw is for. An effect that needs draws takes separate streams.
 AXIS_1, AXIS_2, AXIS_3, DENSITY, SPEED, SPIN, DROP, ORIENTATION, START, SLOPE = range(10)
 VOLUME = 10
 STEM_DISTANCE, STEM_OFFSET, TILT, LANDING, BREAKS, FRAGMENT_ANGLE = range(11, 17)

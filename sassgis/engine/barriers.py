@@ -127,7 +127,7 @@ def _at_barrier(crossing: Record, energy: float) -> tuple[int, float]:
 def _is_behind(crossings: Records, met: Meeting, crossing: Record) -> bool:
     """Return whether a barrier met lies before a control line, which is then not reached.
 
-    What is left of the speed goes on to all lines at the same place, in their order. One that is
+    The remaining speed goes on to all lines at the same place, in their order. One that is
     stopped comes to the stations there, but to no other barrier.
     """
     if met.line < 0:

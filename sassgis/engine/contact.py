@@ -119,7 +119,7 @@ def _core_contact(
         if not is_convex(profile, k):
             continue
         if flying.gravity == 0.0:
-            # Moved along the ground, by a unit vector: it passes what lies beside its way.
+            # Moved along the ground, by a unit vector: it passes what lies next to its way.
             aside = (profile[k].x - flying.x) * flying.vz - (profile[k].z - flying.z) * flying.vx
             if abs(aside) > core + 1.5 * tolerance:
                 continue
@@ -167,7 +167,7 @@ def _within_reach(
     if at_last > 0.0:
         return np.inf
     root = math.sqrt(max(rate * rate + 4.0 * fall * (above - reach), 0.0))
-    # Of a sphere that has just rebounded only rounding is left of the difference.
+    # Of a sphere that has just rebounded only rounding remains of the difference.
     if root - rate > _CANCELS * abs(rate):
         first = max(first, 2.0 * (above - reach) / (root - rate))
     return first

@@ -224,7 +224,7 @@ def contact_with_segment(
                     if t > end:
                         return np.inf, False, touched
                     continue
-                # Below the line, but beside the segment: wait until the tangent point comes.
+                # Below the line, but next to the segment: wait until the tangent point comes.
                 far = -foot if foot < 0.0 else foot - length
                 fastest = abs(run - gravity * tz * t) + foot_speed + math.sqrt(gravity * far)
                 if fastest <= 0.0:

@@ -52,13 +52,13 @@ class Path(NamedTuple):
     cell_size: float  # (m)
     tolerance: float  # largest vertical gap between terrain and segments (m)
     side_tilt: float  # standard deviation of the sideways tilt of what an impact meets (rad)
-    drift: float  # standard deviation of the angle by which blocks drift aside (rad)
+    drift: float  # standard deviation of the angle by which blocks drift sideways (rad)
     # (n, 4), of the points of a chunk: u and v of both sides of the parallelogram in which their
     # blocks start (cells).
     sides: FloatArray
     line_u: FloatArray  # vertices of all stations and barriers, one after the other (cells)
     line_v: FloatArray
-    line_number: IntArray  # of the station or barrier that begins here; -1: no piece begins here
+    line_number: IntArray  # of the station or barrier that begins here; -1: no segment begins here
     line_kind: IntArray  # by the number, as kernel.ControlLineTable
     line_height: FloatArray
     line_capacity: FloatArray
@@ -222,7 +222,7 @@ def _full(site: Site) -> bool:
 
 
 class Patch(NamedTuple):
-    """A piece of the path under which the terrain has no kink, and the cells that it crosses."""
+    """A segment of the path under which the terrain has no kink, and the cells that it crosses."""
 
     end: float  # chainage (m)
     z: float  # height of the terrain at its end (m)
@@ -243,7 +243,7 @@ def look_ahead(
 
     At first the plane goes on on which the profile began, until a sample lies farther from it than
     the tolerance. Then segments are as long as all samples stay within the tolerance of them: each
-    sample narrows the cone of slopes from the last vertex, and where none is left the sample before
+    sample narrows the cone of slopes from the last vertex, and where none remains the sample before
     makes a vertex. Of the slopes in the cone that of the terrain is taken.
     """
     if _full(site):
@@ -583,7 +583,7 @@ def _cross_lines(state: Record, site: Site, path: Path, begin: float, end: float
         fv = path.line_v[k] - v0
         share = (fu * ev - fv * eu) / cross
         on_line = (fu * dv - fv * du) / cross
-        # A vertex belongs to the piece that begins there.
+        # A vertex belongs to the segment that begins there.
         if 0.0 < share <= 1.0 and 0.0 <= on_line < 1.0:
             _add_crossing(site, path, number, begin + share * (end - begin))
 

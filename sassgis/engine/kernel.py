@@ -225,7 +225,7 @@ def simulate_lines(
     work : Work
         As working_space makes it.
     effects : Effects, optional
-        None for the model of 1986 alone.
+        None for the model of 1986 only.
 
     Returns
     -------
@@ -444,7 +444,7 @@ def site_of(i: int, lines: Lines, setup: Setup) -> Site:
 def spawned_block(spawned_row: Record, density: float, key: np.uint64, number: int) -> Block:
     """Return the spawned block of some number of a released block with a key.
 
-    It has draws of its own.
+    It has separate draws.
     """
     own = rng.mix(key + np.uint64(number) * np.uint64(0x9E3779B97F4A7C15))
     return block_of(spawned_row.a, spawned_row.b, spawned_row.c, density, spawned_row.mass, own)

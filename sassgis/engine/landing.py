@@ -271,7 +271,7 @@ def _radius_met(state: Record, block: Block) -> float:
 def _leaves(physics: Physics, as_circle: bool, wn: float, contact: float, low: float) -> bool:
     """Return whether an impact with these final normal speeds of centre and contact starts flight.
 
-    ``low`` is the square of the speed below which a rebound of the contact alone does not count.
+    ``low`` is the square of the speed below which a rebound of only the contact does not count.
     """
     if physics.eta_rule == RESTITUTION and contact > 1e-12 and contact * contact >= low:
         return True

@@ -1,7 +1,7 @@
 """Resistance that grows with the speed, on the ground and at impacts.
 
 Beside friction the ground holds a block back with μ_v v²/(g d) times the normal force, d the
-diameter of the block: ground that is ploughed and thrown aside takes momentum from it, and with
+diameter of the block: ground that is ploughed and thrown sideways takes momentum from it, and with
 v²/(g d) blocks of all sizes move alike. Form and values are ours; that speeds saturate on long
 slopes, later for larger blocks, is observed (docs/studies/kinematics.md).
 

@@ -22,7 +22,7 @@ TO_ROLLING = 7
 
 _WIDEST = 1.5
 _SCANS = 24
-# The angle at which a block lifts off is found to this (rad), in so many steps at most.
+# The angle at which a block lifts off is computed to this (rad), in so many steps at most.
 _ANGLE = 1e-8
 _MOST_STEPS = 60
 
@@ -31,7 +31,7 @@ _MOST_STEPS = 60
 def rolling_friction(block: Block, ground: Record) -> float:
     """Return μ_r = μ_0 + k d*/d, equation (2), d the diameter of the block.
 
-    Times a factor of its own.
+    Times a factor of the block.
     """
     return float(block.drag * (ground.mu_0 + ground.k * ground.d_star_m / (2.0 * block.radius)))
 

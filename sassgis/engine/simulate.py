@@ -68,7 +68,7 @@ class Visits:
     Attributes
     ----------
     visits : uint64, shape (n,)
-        As statistics.by_cell gives them.
+        As statistics.by_cell returns them.
     place : int32
         Position in the cells of the result of each cell as the visits count them.
     """

@@ -173,7 +173,7 @@ def room_at_first(steps: int) -> int:
     """Return cells for which there is room at first, if so many windows are listed for each.
 
     Where it was too few the blocks are simulated again, with room for twice as many. Room that
-    is not used costs next to nothing, but the list of windows is in one piece: as many cells as
+    is not used costs next to nothing, but the list of windows is in one block: as many cells as
     64 MB hold, and 8192 at least.
     """
     return max(1 << 13, min(1 << 16, (1 << 23) // max(steps, 1)))

@@ -58,7 +58,7 @@ STATE_FIELDS: tuple[tuple[str, Any], ...] = (
     ("phase", _I),
     ("reason", _I),  # stopping reason
     ("began", _F),  # since the release, when a spawned block came into being (s)
-    ("t", _F),  # since its own start (s)
+    ("t", _F),  # since its start (s)
     ("x", _F),  # centre: chainage (m)
     ("z", _F),  # height (m)
     ("vx", _F),
@@ -111,7 +111,7 @@ STATE_FIELDS: tuple[tuple[str, Any], ...] = (
     ("low", _F),  # limits of the slope of the last segment
     ("high", _F),
     ("about", _F),  # 1, or -1 where it has turned about an odd number of times
-    ("drift", _F),  # angle by which it drifts aside of the descent (rad)
+    ("drift", _F),  # angle by which it drifts sideways of the descent (rad)
     ("drift_cos", _F),
     ("drift_sin", _F),
     ("stuck_x", _F),  # chainage at which its last stretches on the ground ended (m)

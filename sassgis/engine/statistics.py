@@ -157,7 +157,7 @@ def flat_bins(bins: Bins) -> FlatBins:
 
 def empty_sums(n_cells: int, bins: FlatBins) -> CellSums:
     """Return sums for ``n_cells`` cells to which nothing has come yet."""
-    # In one piece, so large that it comes zeroed from the system: of zeros that nobody writes to no
+    # In one block, so large that it comes zeroed from the system: of zeros that nobody writes to no
     # memory is taken then. Smaller ones the C library takes of its own, and clears.
     zeros = np.zeros(n_cells * bins.first[-2], np.uint32)
     edges = pairwise(bins.first[:-1])

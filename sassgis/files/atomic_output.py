@@ -1,7 +1,7 @@
 """Results appear whole or not at all, and replace nothing but what sassgis wrote.
 
-A result is prepared beside its place and renamed when it is whole. A folder lists its files with
-their digests in its manifest, single files are listed in ``.sassgis-written`` beside them: what is
+A result is prepared next to its place and renamed when it is whole. A folder lists its files with
+their digests in its manifest, single files are listed in ``.sassgis-written`` next to them: what is
 not listed, or has changed since, is never deleted.
 """
 
@@ -32,9 +32,9 @@ WRITTEN_NAME = ".sassgis-written"
 _PARTIAL = ".partial"
 #: Open files that clearing takes, where what failed has found that the system allows no more.
 _SPARE = 4
-#: What GDAL puts beside a raster that is only looked at, and file managers into a folder.
+#: What GDAL puts next to a raster that is only looked at, and file managers into a folder.
 _SIDECAR, _BESIDE = ".aux.xml", (".DS_Store", "Thumbs.db", WRITTEN_NAME)
-#: What SQLite keeps beside a database that is open: parts of it, without which it is damaged.
+#: What SQLite keeps next to a database that is open: parts of it, without which it is damaged.
 _OPEN = ("-wal", "-shm", "-journal")
 
 
@@ -117,7 +117,7 @@ def write_json(path: Path, content: object) -> None:
 def staged_file(target: Path, overwrite: bool = False) -> Iterator[Path]:
     """Give the place of a file that becomes ``target`` if the block ends well, and nothing if not.
 
-    The place has the same name, in a folder beside the target that is deleted after. Missing
+    The place has the same name, in a folder next to the target that is deleted after. Missing
     parents are made. A file that is there already is replaced with ``overwrite`` only, and only as
     a command wrote it.
 
@@ -143,7 +143,7 @@ def staged_file(target: Path, overwrite: bool = False) -> Iterator[Path]:
 
 
 def write_new(file: Path, text: str, overwrite: bool) -> None:
-    """Write a text to a file of its own; OutputError if it is there already and must stay."""
+    """Write a text to a separate file; OutputError if it is there already and must stay."""
     with staged_file(file, overwrite) as work:
         work.write_text(text, encoding="utf-8", newline="\n")
 
@@ -187,7 +187,7 @@ def _list_written(target: Path, fresh: Path) -> None:
 
 
 def partial_folder(target: Path) -> Path:
-    """Return the working folder of a result: beside it, so that a rename can put it in place."""
+    """Return the working folder of a result: next to it, so that a rename can put it in place."""
     target = Path(os.path.realpath(target))
     if not target.name:
         raise OutputError(f"{target}: is the root of a disk; choose a folder within it")
@@ -205,7 +205,7 @@ def staged_output(target: Path, overwrite: bool, parts: Sequence[str] = ()) -> I
 
     Missing parents of the target are made. A result that is there already is replaced with
     ``overwrite`` only, and only if it holds nothing but what its manifest lists, as it was written;
-    ``parts`` are folders in it in which another command may have put a result of its own.
+    ``parts`` are folders in it in which another command may have put a separate result.
 
     Raises
     ------
@@ -389,7 +389,7 @@ def _is_saved(name: str) -> bool:
 
 
 def _clear(work: Path, keep_saved: bool = True) -> None:
-    """Delete what is half written, and keep marker and saved states; or delete these alone."""
+    """Delete what is half written, and keep marker and saved states; or delete only these."""
     with suppress(OSError):
         for entry in list(work.iterdir()):
             if (entry.name == MARKER_NAME or _is_saved(entry.name)) == keep_saved:

@@ -1,7 +1,7 @@
 """Limits on what GDAL may open: files on disks, in a few formats.
 
 A file of any name may be a list of sources (VRT), the description of a server (WMS, WFS, ...) or a
-label beside raw bytes, which GDAL follows: what comes with a project could read any other file, or
+label next to raw bytes, which GDAL follows: what comes with a project could read any other file, or
 fetch one. So drivers are named, virtual rasters are mosaics of GeoTIFF files (input_parts.py), and
 there is no network.
 """
@@ -31,7 +31,7 @@ from sassgis.files.input_parts import check_beside, files_of, mosaic_text, stamp
 from sassgis.files.plain_file import check_file, read_text
 from sassgis.settings.schema import composed
 
-#: Drivers of GDAL, and how messages speak of them. What lies beside raw bytes is read without its
+#: Drivers of GDAL, and how messages speak of them. What lies next to raw bytes is read without its
 #: driver (EHdr) if the name is a link, which could lead to any file.
 _RASTERS = ("GTiff", "AAIGrid", "XYZ", "HFA", "EHdr")
 RASTER = "GeoTIFF, VRT of GeoTIFF files, ESRI ASCII, XYZ, Imagine, ESRI BIL or FLT"
@@ -51,7 +51,7 @@ _SETTINGS = {
     "GDAL_HTTP_PROXY": "none://offline",
     "GDAL_HTTPS_PROXY": "none://offline",
     "CPL_VSIL_CURL_ALLOWED_EXTENSIONS": ".offline",
-    # Masks and overviews are looked for by their names alone, as below.
+    # Masks and overviews are looked for only by their names, as below.
     "GDAL_DISABLE_READDIR_ON_OPEN": "TRUE",
 }
 
@@ -62,7 +62,7 @@ _PROJ_DATA = Path(pyogrio.__file__).parent / "proj_data"
 
 @contextmanager
 def offline() -> Iterator[None]:
-    """Keep rasterio and pyogrio, each with a GDAL of its own, off the network.
+    """Keep rasterio and pyogrio, each with a separate GDAL, off the network.
 
     Servers named in the environment variable ``NO_PROXY`` are left out: they can be reached.
     """
@@ -208,7 +208,7 @@ def _encoding(file: Path, layer: str, taken: str) -> str | None:
 
 def _computed_table(file: Path) -> str:
     """Return how a database declares a view or virtual table, if any; no SQL of it is run."""
-    # The second way: beside a log of changes, in a folder without the right to write.
+    # The second way: next to a log of changes, in a folder without the right to write.
     for mode in ("mode=ro", "mode=ro&immutable=1"):
         place = f"file:{quote(str(file.absolute()))}?{mode}"
         with suppress(sqlite3.OperationalError), closing(sqlite3.connect(place, uri=True)) as own:

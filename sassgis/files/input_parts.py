@@ -52,7 +52,7 @@ _LARGEST_XML = 20_000_000
 
 
 def files_of(given: Path) -> list[Path]:
-    """Return the files that an input consists of: itself, then those beside it, each once.
+    """Return the files that an input consists of: itself, then those next to it, each once.
 
     Of a virtual raster also the tiles that it shows with theirs, of a folder all files in it.
 
@@ -105,7 +105,7 @@ def stamps_of(given: Path) -> tuple[Stamp, ...]:
 
 
 def _beside(file: Path, listed: frozenset[str] | None = None) -> list[Path]:
-    """Return files beside a file that give it meaning, as they are there, with those beside them.
+    """Return files next to a file that give it meaning, as they are there, with those next to them.
 
     ``listed`` are the names in its folder, where they are known: a large mosaic asks for many.
     """

@@ -21,7 +21,7 @@ from numpy.typing import ArrayLike, NDArray
 from sassgis.errors import InputError
 from sassgis.files.digests import Stamp, program_digest, stamp_of
 
-#: How a line begins that tells of a file that is not used.
+#: How a line begins that reports a file that is not used.
 UNFIT = "Saved state"
 #: Bytes of a SHA-256 as text, and of a part of a file that is read at once.
 _HEX, _BLOCK = 64, 1 << 20
@@ -41,7 +41,7 @@ class _Seal(NamedTuple):
 def write_saved(
     path: Path, arrays: Mapping[str, ArrayLike], fingerprint: str, *, compressed: bool = False
 ) -> str:
-    """Write arrays beside and rename, so that a full disk leaves the older state; their digest.
+    """Write arrays next to it and rename, so that a full disk leaves the older state; their digest.
 
     The arrays hold no objects. ``fingerprint`` is that of the settings and inputs that they belong
     to; the program is added here.
@@ -72,7 +72,7 @@ def read_saved(
 ) -> dict[str, NDArray[Any]] | None:
     """Return arrays of ``write_saved``.
 
-    None if there are none, or they do not fit, which is told.
+    None if there are none, or they do not fit, which is reported.
     """
     if not path.exists():
         return None
@@ -99,7 +99,7 @@ def saved_or_refused(
     expected : str
         What they are, and what to do without them.
     digest : str, optional
-        What ``write_saved`` gave; then the file is looked through once, until it changes.
+        What ``write_saved`` returned; then the file is looked through once, until it changes.
 
     Raises
     ------

@@ -46,10 +46,10 @@ class Verdict:
     """The answer in a word."""
 
     effect: str  # a family, two joined by "+", "none", "unknown" or "contact_law"
-    #: Probability of the answer (0 to 1): of effects that they act, alone or beside others; NaN
+    #: Probability of the answer (0 to 1): of effects that they act, by itself or with others; NaN
     #: where none is given.
     confidence: float
-    #: What these data do not identify from it, itself included; groups where they do not tell
+    #: What these data do not identify from it, itself included; groups where they do not separate
     #: families of one apart.
     confusion_set: tuple[str, ...]
     #: Where the effect acts, as far as it is identifiable: phase of motion and reaches; "" and ()
@@ -117,7 +117,7 @@ class CauseGain:
     share: float
     sureness: float  # standard errors by which it is more than what chance makes of the base
     power: float  # share of its draws that these data would show, by a sureness of 5
-    #: Squared distance of what was observed from the base, over that of its own campaigns: the same
+    #: Squared distance of what was observed from the base, over that of its campaigns: the same
     #: for all causes of a site.
     excess: float
     #: Parameters of the draw that closes most, as shares of their ranges.
@@ -210,7 +210,7 @@ class GroundSetting:
     parameter: str
     before: float
     value: float
-    ci95: Range  # of the sets of parameters that the observations do not tell from the best
+    ci95: Range  # of the sets of parameters that the observations do not distinguish from the best
     identified: bool  # whether that is clearly narrower than the range of the search
 
 

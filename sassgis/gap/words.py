@@ -161,7 +161,7 @@ def place_words(place: str) -> Phrase:
     upper, dash, lower = place.partition("-")
     if not dash:
         return phrase("at {}", place)
-    # A name with a dash of its own cannot be taken apart.
+    # A name with a dash in it cannot be taken apart.
     if place.count("-") > 1:
         return phrase("on the stretch {}", place)
     if upper == "release":

@@ -31,7 +31,7 @@ _MARGIN = 1.05
 
 @dataclass(frozen=True, slots=True)
 class MoreBlocks:
-    """Says after each round whether it takes another one, and which.
+    """Says after each repetition whether it takes another one, and which.
 
     ``seconds`` is the part of the time of the budget that the simulation may take.
     """
@@ -47,7 +47,7 @@ class MoreBlocks:
         curves = curves_of(sampled, bins_of(run).threshold)
         known = np.isfinite(run.grid.values)
         share = level_chances(curves, self.rules.preset, known).changed_share
-        # A state that was saved after the last round is asked once more.
+        # A state that was saved after the last repetition is asked once more.
         if not progress.history or progress.history[-1][0] < progress.simulated:
             progress.history.append((progress.simulated, share))
         self.tell(
@@ -141,7 +141,7 @@ def halvings_of(left_open: FloatArray | None, planned: Plan) -> NDArray[np.uint8
 def round_within(
     run: MapRun, planned: Plan, wanted: int, halvings: NDArray[np.uint8] | None, blocks: int
 ) -> Round | None:
-    """Return the next round, of at most so many blocks; None if there are too few for one.
+    """Return the next repetition, of at most so many blocks; None if there are too few for one.
 
     ``wanted`` are the repetitions of points that are not halved.
     """

@@ -133,7 +133,7 @@ def _nested_zones(
 
 
 def around(grid: Grid, cells: IntArray, beside: int) -> tuple[Grid, IntArray]:
-    """Return part of a grid around some cells, with so many cells beside them, and they on it."""
+    """Return part of a grid around some cells, with so many cells next to them, and they on it."""
     n_rows, n_cols = grid.shape
     row, col = np.divmod(cells, n_cols)
     if not cells.size:
@@ -152,7 +152,7 @@ def level_zones(
     """Return zones of hazard level of several simulations, as with and without barriers.
 
     Where no cell of a map is above that of the next, the zones of the first lie within those of the
-    next: drawn each for itself, smoothing alone would make zones higher here and lower there.
+    next: drawn each for itself, smoothing by itself would make zones higher here and lower there.
     """
     maps = [
         (
@@ -239,7 +239,7 @@ class Assessment:
 
     hazard: Hazard  # with the walls and nets there are
     without: Hazard | None  # without them; None if there are none or nobody asked
-    # Intensities of each release area alone; empty unless asked for.
+    # Intensities of each single release area; empty unless asked for.
     by_area: dict[str, tuple[IntensityMap, ...]]
     risk: RiskTable | None
     risk_without: RiskTable | None
@@ -300,7 +300,7 @@ def assess(
     """Assess hazard and risk from the counts of a simulation.
 
     The energies are those of the hazard curves; ``without`` are the same sources without walls and
-    nets. ``by_source`` asks for zones of intensity of each release area alone.
+    nets. ``by_source`` asks for zones of intensity of each single release area.
     """
     both = [sampled] if without is None else [sampled, without]
     curves = [curves_of(own, energies_kj) for own in both]

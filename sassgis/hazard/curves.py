@@ -67,7 +67,7 @@ def hazard_curves(
 
     λ(E >= e, x) = Σ over sources of onset frequency · reach probability(x) · P(E >= e | reach).
     Sums are made over the scenarios of each area first, and then over the areas in the order in
-    which they first appear. So the rate of two areas is exactly the sum of the rates of each alone.
+    which they first appear. So the rate of two areas is exactly the sum of the single rates.
 
     Sources are independent samples, and their variances add up. Not so the scenarios of an area
     whose release points were drawn at random: they start from the same points, and where one is by
@@ -156,7 +156,7 @@ def _joined_points(
 
 
 def at_energies(curves: HazardCurves, energies_kj: Sequence[float]) -> HazardCurves:
-    """Return the curves at some of their energies alone, which ascend from 0 (kJ).
+    """Return the curves only at some of their energies, which ascend from 0 (kJ).
 
     Raises
     ------

@@ -62,7 +62,7 @@ def hazard_level(curves: HazardCurves, preset: HazardPreset) -> NDArray[np.int16
     """Return hazard level of each place: the highest level of the matrix that its curve crosses.
 
     Along the curve the rate falls as the energy rises, so within a class of intensity its lower
-    limit has the highest level: the thresholds alone decide, which are among the energies. 0 where
+    limit has the highest level: only the thresholds decide, which are among the energies. 0 where
     no block arrives, or too rarely for any level, else the level's position in the preset plus 1.
     """
     rate = at_energies(curves, preset.thresholds_kj).rate

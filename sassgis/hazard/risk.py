@@ -141,7 +141,7 @@ def _samples(sources: Sequence[Source]) -> list[tuple[str, str]]:
 def by_sample(variance: FloatArray, sources: Sequence[Source]) -> FloatArray:
     """Return variances of independent samples from those of sources.
 
-    Every source is a sample of its own, but scenarios of an area with random release points start
+    Every source is a separate sample, but scenarios of an area with random release points start
     from the same points: their standard errors add up at most. ``variance`` has the shape
     (n_sources, n).
     """
@@ -353,7 +353,7 @@ def risk_totals(table: RiskTable) -> list[RiskTotal]:
     """Return sums by road or line, by kind, by source, and over all.
 
     Each value is the correctly rounded sum (``math.fsum``) of the values of its objects, as
-    ``RiskTable.of_object`` gives them; for a source, of what it adds to each object.
+    ``RiskTable.of_object`` returns them; for a source, of what it adds to each object.
     """
     groups: dict[tuple[str, str], list[int]] = {}
     for i, thing in enumerate(table.objects):

@@ -91,7 +91,7 @@ class LevelChances:
 
         These are the places with another level in the interval, and as many more, the most probable
         first, as hold a share ``confidence`` of all that another sample changes; but none that is
-        five times less probable than the interval asks for. In a part of the map the former alone.
+        five times less probable than the interval asks for. In a part of the map only the former.
         """
         lowest, highest = self.interval(confidence)
         if self.in_part:
@@ -355,7 +355,7 @@ def worth_of_places(curves: HazardCurves, preset: HazardPreset) -> FloatArray:
     """Compute how much less area another sample changes per unit less of variance.
 
     What it changes along a limit grows with the standard error s of the rates there, of which the
-    cells within about two errors of the limit L tell: as many of them as the area that changes,
+    cells within about two errors of the limit L count: as many of them as the area that changes,
     and exp(−d²/2)/s² of d = (λ − L)/s, summed over cells, is the change by s².
 
     Parameters

@@ -187,7 +187,7 @@ def fit_power_law(survey: BlockSurvey, complete_from: float, up_to: float = math
 
 
 def higher_thresholds(law: PowerLaw) -> Iterator[PowerLaw]:
-    """Yield the same fit from larger volumes on, as long as blocks are left: up to three."""
+    """Yield the same fit from larger volumes on, as long as blocks remain: up to three."""
     low = np.unique(law.survey.low)
     steps = law.complete_from * 2.0 ** np.arange(1, 4) if law.survey.is_list else low[1:4]
     for volume in steps:

@@ -1,6 +1,6 @@
 """Ready styles of hazard zones: levels, intensities, changes by barriers, uncertain levels.
 
-Colours and names are those of the preset. Levels are not distinguished by colour alone: a level
+Colours and names are those of the preset. Levels are not distinguished only by colour: a level
 that the preset calls hatched is drawn as stripes on white.
 """
 

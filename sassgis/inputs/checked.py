@@ -76,7 +76,7 @@ class Messages:
 
 
 def first_of(problems: Sequence[Wrong]) -> Wrong:
-    """Return the error that says most; it tells how many more there are."""
+    """Return the error that says most; it states how many more there are."""
     # A misspelt key shows up twice, as unknown and as missing: the first says more.
     first = min(problems, key=lambda p: p.problem != "unknown key")
     if len(problems) > 1:

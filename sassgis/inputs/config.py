@@ -411,7 +411,7 @@ def as_named(config: Config) -> dict[str, Any]:
 
 
 def _with_files(node: Any, told: Callable[[str], str]) -> Any:
-    """Return plain settings with what is told in place of the paths of files."""
+    """Return plain settings with other words in place of the paths of files."""
     if isinstance(node, dict):
         return {
             key: told(own)

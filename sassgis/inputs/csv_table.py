@@ -151,7 +151,7 @@ def check_columns(header: Sequence[str], columns: Columns, file: Input, where: s
 
 @contextmanager
 def errors_of_row(where: str, file: Input) -> Iterator[None]:
-    """Name row and file in the InputError of a class that checks its own values."""
+    """Name row and file in the InputError of a class that checks its values."""
     try:
         yield
     except InputError as error:

@@ -155,7 +155,7 @@ def _texts(column: Any) -> list[str]:
 
 
 def _names(column: Any) -> bool:
-    """Return whether every feature has a name of its own."""
+    """Return whether every feature has a separate name."""
     texts = _texts(column)
     return bool(texts) and len(set(texts)) == len(texts) == len(column)
 

@@ -207,7 +207,7 @@ def _reason(error: Exception, file: Input) -> str:
 
 
 def height_band(dataset: Any, file: Input) -> int:
-    """Return number of the one band with heights; a transparency band beside it does no harm."""
+    """Return number of the one band with heights; a transparency band next to it does no harm."""
     wrong = partial(InputError, file=file)
     bands = _opaque_bands(dataset)
     if dataset.count == 0:
@@ -232,7 +232,7 @@ def _opaque_bands(dataset: Any) -> list[int]:
 def only_band(dataset: Any, file: Input, field: str, wanted: str) -> int:
     """Return number of the one band of a raster on the map.
 
-    A transparency band beside it does no harm.
+    A transparency band next to it does no harm.
 
     ``wanted`` says what the band should hold, for messages.
     """
@@ -490,7 +490,7 @@ def on_cells(
 ) -> NDArray[Any]:
     """Return values of a raster on the cells of the DEM: those of its nearest cell.
 
-    ``read`` takes the open raster; ``nodata`` means no value, in what it gives and in the result.
+    ``read`` takes the open raster; ``nodata`` means no value, in what it returns and in the result.
     """
     with open_raster(file, field) as dataset:
         values, transform = read(dataset), dataset.transform

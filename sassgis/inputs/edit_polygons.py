@@ -53,7 +53,7 @@ _DEFAULTS = {
 def edit_fields(codes: Sequence[str], in_result: bool) -> dict[str, FieldInfo]:
     """Return columns of a layer of edits; ``codes`` of the levels are from low to high.
 
-    A layer ``in_result`` lies beside the zones of a result, and says what was computed.
+    A layer ``in_result`` lies next to the zones of a result, and says what was computed.
     """
     rows = descriptions()["edits"]
     choices = {"level": (NO_LEVEL, *codes), "limit": ("at_least", "at_most")}

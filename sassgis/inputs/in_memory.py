@@ -63,7 +63,7 @@ def as_input(value: object, name: str) -> Input:
         return _table(value, name)
     if isinstance(value, Grid):
         return _raster(value.values, affine_of(value), value.crs or None, None, name)
-    # Known by its name, so that xarray is loaded by those alone who use it.
+    # Known by its name, so that xarray is loaded only by those who use it.
     if type(value).__name__ == "DataArray":
         return _from_data_array(value, name)
     if isinstance(value, Sequence) and value and all(isinstance(v, GroundClass) for v in value):

@@ -114,7 +114,7 @@ def table_of(raw: RawTable, grid: Grid | None) -> Table:
 
 
 def _named_columns(raw: RawTable) -> dict[str, NDArray[Any]]:
-    """Return columns under their own names; those that are not known are not read."""
+    """Return columns under their names; those that are not known are not read."""
     own = {name: column for column in TABLES[raw.name] for name in (column.name, *column.aliases)}
     result: dict[str, NDArray[Any]] = {}
     for given, values in raw.columns.items():
@@ -144,7 +144,7 @@ def _names(values: NDArray[Any]) -> list[str]:
     """Return identifiers as text; 7.0 from a column of numbers is 7, but 7.2 is a piece of it."""
     names = [text_of(value) or "" for value in values.tolist()]
     filled = [n for n in names if n]
-    # Spreadsheets write whole numbers so; a piece 0 of every rock is not meant.
+    # Spreadsheets write whole numbers so; a fragment 0 of every rock is not meant.
     if filled and all(re.fullmatch(r"\d+\.0", n) for n in filled):
         names = [n.removesuffix(".0") for n in names]
     return names
@@ -250,7 +250,7 @@ def _placed(raw: RawTable, data: Mapping[str, Any], grid: Grid | None) -> dict[s
     index = np.flatnonzero(fits)
     flat = [shapely.force_2d(shapes[i]) for i in index.tolist()]
     labels = [f"row {r}" for r in raw.rows[index].tolist()]
-    # Without a DEM they stay in their own coordinates.
+    # Without a DEM they stay in their coordinates.
     moved = flat
     if grid is not None and flat:
         moved = onto_grid(flat, raw.crs, grid, raw.file, KEY, labels)

@@ -63,7 +63,7 @@ def soil_types() -> Mapping[int, Any]:
 class Converted:
     """Conversion of a folder of Rockyfor3D.
 
-    Layers and tables are to be written beside the configuration as ``<name>.gpkg`` and
+    Layers and tables are to be written next to the configuration as ``<name>.gpkg`` and
     ``<name>.csv``; notes say what was taken how, and what has no counterpart.
     """
 

@@ -126,7 +126,7 @@ def class_provenance(calibration: SiteCalibration, name: str) -> str:
 def write_calibrated_config(path: Path, config: Config, calibration: SiteCalibration) -> Path:
     """Write a configuration with the recommended ground.
 
-    That is the table of fitted classes beside it, or what was configured.
+    That is the table of fitted classes next to it, or what was configured.
 
     Raises
     ------

@@ -117,7 +117,7 @@ def config_template(given: Given = ()) -> str:
             lines.append(f"{'' if shown else '# '}{own.name} = {toml_value(value)}")
             lines += _wrapped(_text(own), "#     ")
         parts.append("\n".join(lines) + "\n")
-    # A second layer of a kind, as roads beside buildings.
+    # A second layer of a kind, as roads next to buildings.
     more = [(n, v) for n, v in given if v != known.get(n)]
     for name, values in more:
         rows = [f"{key} = {toml_value(value)}" for key, value in values.items()]
@@ -174,7 +174,7 @@ _SUFFIXES = {"raster": ".tif", "layer": ".gpkg", "table": ".csv"}
 def save_config(config: Config, path: str | PathLike[str], *, overwrite: bool = False) -> Path:
     """Write a configuration as a TOML file, from which the same run can be made again.
 
-    Inputs that are in memory are written beside it; files are named as seen from there. Those that
+    Inputs that are in memory are written next to it; files are named as seen from there. Those that
     are there already are replaced with ``overwrite`` only.
 
     Raises
@@ -191,7 +191,7 @@ def save_config(config: Config, path: str | PathLike[str], *, overwrite: bool = 
 def written_document(config: Config, path: Path, overwrite: bool = False) -> dict[str, Any]:
     """Return the document of a configuration that is to be written to ``path``.
 
-    What is in memory is written beside it.
+    What is in memory is written next to it.
     """
     # Symbolic links are followed: the way up from the new place counts real folders.
     base, place = Path(os.path.realpath(config.base)), Path(os.path.realpath(path)).parent

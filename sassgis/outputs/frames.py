@@ -155,7 +155,7 @@ def without_formulas(frame: pd.DataFrame) -> pd.DataFrame:
     def text(value: object) -> object:
         if not isinstance(value, str):
             return value
-        # A carriage return alone would begin a new row, and is not quoted.
+        # A carriage return by itself would begin a new row, and is not quoted.
         return ("'" if value.startswith(_FORMULA) else "") + value.replace("\r", " ")
 
     texts = frame.select_dtypes(include=["object", "string", "category"]).columns

@@ -109,7 +109,7 @@ def software_versions() -> Mapping[str, str]:
         "python": platform.python_version(),
         "platform": f"{platform.system()} {platform.machine()}",
     }
-    # Each from a file of its own: read once, as a batch asks for every area.
+    # Each from a separate file: read once, as a batch asks for every area.
     versions |= {package: version(package) for package in _PACKAGES}
     # Each brings its own GDAL.
     versions["gdal (rasterio)"] = str(rasterio.__gdal_version__)

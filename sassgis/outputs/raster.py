@@ -1,4 +1,4 @@
-"""Maps as Cloud-Optimised GeoTIFF, whole or block by block, each with its QGIS style beside it."""
+"""Maps as Cloud-Optimised GeoTIFF, whole or block by block, each with its QGIS style next to it."""
 
 from __future__ import annotations
 
@@ -138,7 +138,7 @@ def _cog_options(layer: RasterLayer) -> dict[str, Any]:
         # Of numbers the mean of the cells that have one, in the overview before; the most frequent
         # one takes three times as long, and is any of four that differ.
         "overview_resampling": "MODE" if layer.classes else "AVERAGE",
-        # Kept in the file, or QGIS would write an .aux.xml beside it.
+        # Kept in the file, or QGIS would write an .aux.xml next to it.
         "statistics": "YES",
         "bigtiff": "IF_SAFER",
     }

@@ -292,7 +292,7 @@ def _damage(offer: TileOffer, file: Path) -> str:
 def write_vrt(file: Path, terrain: Terrain) -> Path:
     """Write a virtual raster, which ends in ``.vrt``, over the tiles of a terrain model.
 
-    Paths in it are relative to it. The tiles have square cells, as ``open_tiles`` gives them. One
+    Paths in it are relative to it. The tiles have square cells, as ``open_tiles`` returns them. One
     that is there already is replaced; OutputError if it has changed since it was written.
     """
     sources = []

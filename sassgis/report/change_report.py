@@ -147,7 +147,7 @@ def _facts(result: StoredResult) -> list[tuple[str, Cell]]:
     facts: list[tuple[str, Cell]] = [
         ("folder", named(result.folder.name)),
         ("program", phrase("sassgis {}, seed {}", manifest["sassgis"], manifest["seed"])),
-        # A mosaic of several blocks counts those of its areas alone.
+        # A mosaic of several blocks counts only those of its areas.
         ("simulated blocks", counts.get("rocks_simulated", counts["rocks"])),
     ]
     if manifest["preset"]:

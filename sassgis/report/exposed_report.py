@@ -99,5 +99,5 @@ def with_limits(value: float, low: float, high: float) -> Cell:
 
 
 def limited(row: pd.Series, column: str) -> Cell:
-    """Return a value of a table with its limits, which have columns of their own."""
+    """Return a value of a table with its limits, which have separate columns."""
     return with_limits(*row[[column, f"{column}_low", f"{column}_high"]].astype(float))

@@ -1,4 +1,4 @@
-"""Figures for a report: saved beside it, and what is seen in them in words."""
+"""Figures for a report: saved next to it, and what is seen in them in words."""
 
 from __future__ import annotations
 
@@ -22,14 +22,14 @@ from sassgis.settings.results import RasterLayer
 from sassgis.settings.styles import class_labels
 from sassgis.simulation.along_profile import LinePaths
 
-#: Set where the figures are drawn beside other work, which may fail or be stopped.
+#: Set where the figures are drawn next to other work, which may fail or be stopped.
 GIVEN_UP: ContextVar[Event | None] = ContextVar("given_up", default=None)
 
 
 def picture(
     folder: Path, name: str, title: str, caption: str, figure: Figure, alt: str = ""
 ) -> ReportFigure:
-    """Save a figure as ``<name>.png``, and give it as the report shows it.
+    """Save a figure as ``<name>.png``, and return it as the report shows it.
 
     CancelledError: nobody waits for figures any more.
     """

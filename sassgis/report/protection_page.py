@@ -1,4 +1,4 @@
-"""Design of protection on a page of its own: a sheet of A4 for each wall, net and station.
+"""Design of protection on a separate page: a sheet of A4 for each wall, net and station.
 
 The words of the sheets are in ``data/protection.html.j2``.
 """
@@ -95,7 +95,7 @@ def best_places(places: pd.DataFrame) -> tuple[pd.Series, pd.Series] | None:
     """Find where along the slope the least energy and height of 95 % of the blocks arrive.
 
     ``places`` as of places_table, for one line. Places upslope that fewer blocks reach than the
-    line itself are left out, as the others start below them or pass beside. None if there is
+    line itself are left out, as the others start below them or pass next to it. None if there is
     nothing to compare.
     """
     here = places[places["moved_m"] == 0.0]

@@ -298,7 +298,7 @@ def _measure_next(added: AddedCauses, verdict: Verdict) -> tuple[str, ...]:
         [
             *([verdict.effect] if parts else []),
             *causes_in(verdict.confusion_set),
-            # One cause alone is told from none.
+            # A single cause is distinguished from none.
             *([NONE] if unknown else []),
         ]
     )
@@ -395,7 +395,7 @@ def write_outputs(work: Path, case: Case, diagnosis: Diagnosis, config: Config) 
     """Write a diagnosis into a folder; equal diagnoses give equal files.
 
     ``gap.gpkg``, ``figures/*.png``, ``report.html``, ``model/config.toml`` with its files, and last
-    ``manifest.json``. ``work`` is the folder of the result, or the staged one beside it: paths in
+    ``manifest.json``. ``work`` is the folder of the result, or the staged one next to it: paths in
     ``model/config.toml`` hold for both.
     """
     write_gap_gpkg(work / "gap.gpkg", case, diagnosis)

@@ -51,7 +51,7 @@ class DrawStore:
     """Results of trials; one counts as made if its number and its parameters are the same.
 
     It is kept in a file of the working folder, if there is one. A file that does not fit is not
-    used, which is told.
+    used, which is reported.
     """
 
     def __init__(self, file: Path | None, fingerprint: str, tell: Callable[[str], None]) -> None:

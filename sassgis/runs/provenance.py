@@ -46,7 +46,7 @@ def write_origin(
     """Write the manifest of a result of a configuration, after all other files.
 
     Without ``grid`` it lies on no map; ``maps`` are those of the blocks. The settings are written
-    beside those of the configuration.
+    next to those of the configuration.
     """
     reach = {"reach_probability": grid.cell_size} if maps and grid is not None else {}
     write_manifest(

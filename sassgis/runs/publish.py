@@ -59,7 +59,7 @@ from sassgis.simulation.workers import beside
 class ForReport:
     """Additions to the report of a run."""
 
-    # What draws its figures, and the sheets of protection, and gives them.
+    # What draws its figures and the sheets of protection, and returns them.
     figures: Callable[[], tuple[ReportFigure, ...]] = tuple
     sheets: Callable[[], tuple[ProtectionSheet, ...]] = tuple
     key_results: ReportTable | None = None  # heads the report, in place of the stopping reasons
@@ -182,7 +182,7 @@ def write_layers(
     facts: Mapping[str, object],
     sheets: tuple[Extent, Sequence[PrintLayout]],
 ) -> None:
-    """Write GeoPackages, the project and the tables of what lies beside the maps.
+    """Write GeoPackages, the project and the tables of what lies next to the maps.
 
     Of ``layers`` and ``terrain`` only the limits of the legend count. ``sheets`` are the extent
     that is shown at first, and the print layouts.

@@ -37,7 +37,7 @@ def with_spread(
 ) -> Extras:
     """Return the extras of a result with those of the draws, if there are any.
 
-    Their areas are written, into a GeoPackage of their own: all other files of the result but
+    Their areas are written, into a separate GeoPackage: all other files of the result but
     project, report and manifest are those of a run without draws.
     """
     if drawn is None:

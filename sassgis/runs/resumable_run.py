@@ -41,7 +41,7 @@ _READINGS = 3
 
 #: A configuration: its file, its sections as a mapping, or what was read from either.
 AnyConfig = Config | str | Path | Mapping[str, Any]
-#: Gives another round of a run on its plan, after what there is so far; None: it is enough.
+#: Gives another repetition of a run on its plan, after what there is so far; None: it is enough.
 NextRound = Callable[[MapRun, Plan, Progress], Round | None]
 
 
@@ -59,7 +59,7 @@ class Job:
 
 @dataclass(frozen=True, slots=True)
 class Workplace:
-    """Where a job is worked on, by whom, and who is told."""
+    """Where a job is worked on, by whom, and who is informed."""
 
     folder: Path | None  # working folder of the result; None where nothing is to be written
     jobs: Jobs

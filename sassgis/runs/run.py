@@ -53,9 +53,9 @@ class RunResult:
     warnings : tuple of str
         What the user should know before trusting the maps.
     seconds : float
-        Time of the simulation alone.
+        Time of only the simulation.
     run, planned, progress, layers
-        Inputs, plan, sums and all maps, for further work in Python; ``maps`` gives these as a
+        Inputs, plan, sums and all maps, for further work in Python; ``maps`` returns these as a
         dataset.
     report : ReportContext
         What the report says; a notebook shows it in short.

@@ -142,7 +142,7 @@ def scenario_frequencies(
     area_ha: float | None,
     length_m: float | None,
 ) -> ScenarioFrequencies:
-    """Fit a power law to a table of block volumes, and give the frequencies of scenarios.
+    """Fit a power law to a table of block volumes, and return the frequencies of scenarios.
 
     InputError: no power law fits. ConfigError: the limits do not rise, or leave the law.
 

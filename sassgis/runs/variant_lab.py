@@ -59,7 +59,7 @@ _DRAWS = "ground_draws"
 
 
 class VariantLab:
-    """Simulates variants; what was found is kept beside the result, by what was asked.
+    """Simulates variants; results are kept next to the result, by what was asked.
 
     ``part`` distinguishes what is kept from the states of other simulations for the same result. Of
     the stops of the job none is kept. ``total`` is the number of simulations that are planned.
@@ -197,7 +197,7 @@ def _drawn(
     base: VariantFinding,
     exposed: Sequence[str] = (),
 ) -> DrawnGround:
-    """Simulate draws and say what they found beside the base; ``exposed`` are names of objects."""
+    """Simulate draws and return their results and the base's; ``exposed`` are names of objects."""
     ranges = lab.ranges(known, lab.everywhere())
     variants = [draw_of(ranges, lab.run.seed, k) for k in range(draws)]
     lab.total += draws
@@ -220,7 +220,7 @@ def runout_bands(
 ) -> tuple[SpreadBand, SpreadBand]:
     """Return bands of the median and of the 90 % quantile of the run-out, without any maps.
 
-    ``out`` is a new folder, which stays empty: while it works, what was simulated is kept beside
+    ``out`` is a new folder, which stays empty: while it works, what was simulated is kept next to
     it, and the same call goes on from there.
     """
     config = configured(config, None)

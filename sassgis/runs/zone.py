@@ -122,7 +122,7 @@ def write_zones(
     """Find the zones and write everything into ``work``, in the language of the configuration.
 
     ``without`` are the same blocks without walls and nets, ``drawn`` those on draws of the ground
-    classes. ``first`` is called with what was found before anything is written.
+    classes. ``first`` is called with the results before anything is written.
     """
     # As in sassgis.runs.run.run: loaded when there is something to write.
     from sassgis.runs.publish import publish_map

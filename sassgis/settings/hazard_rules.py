@@ -48,7 +48,7 @@ class Source:
 
     @property
     def lines(self) -> int:
-        """Strata of the sample: release points, or fall lines, with their rounds."""
+        """Strata of the sample: release points, or fall lines, with their repetitions."""
         return self.rocks // max(self.rocks_per_line, 1)
 
     @property

@@ -167,7 +167,7 @@ class MapRun:
 
     @property
     def followed(self) -> bool:
-        """Whether each block has a path of its own."""
+        """Whether each block has a separate path."""
         return self.terrain.path == "followed"
 
     @property

@@ -101,7 +101,7 @@ def _stated(file: Path, name: str) -> int | None:
 
 @contextmanager
 def not_found(name: str) -> Iterator[None]:
-    """Have a library, as it is imported, not find a file that it looks for by its name alone."""
+    """Have a library, as it is imported, not find a file that it looks for only by its name."""
     exists = os.path.exists
     os.path.exists = lambda path: path != name and exists(path)
     try:

@@ -1,6 +1,6 @@
 """How layers look in QGIS: one description, used in every place that QGIS reads.
 
-The XML made of it (``raster_style``, ``vector_style``) goes into the ``.qml`` beside a raster, the
+The XML made of it (``raster_style``, ``vector_style``) goes into the ``.qml`` next to a raster, the
 ``layer_styles`` table of the GeoPackage and the project, so that a layer looks the same wherever it
 is opened from. It is the format of QGIS 3.22; later versions read it.
 """
@@ -95,7 +95,7 @@ class VectorStyle:
     method: Literal["simple", "categories", "ranges"] = "simple"
     column: str = ""  # whose values choose the class
     classes: tuple[StyleClass, ...] = field(default=())  # ranges ascending
-    label_column: str = ""  # whose text is written beside the feature; empty for none
+    label_column: str = ""  # whose text is written next to the feature; empty for none
     # Denominator of the smallest scale at which the layer is drawn; 0: at all.
     smallest_scale: float = 0.0
 

@@ -106,11 +106,11 @@ class Progress:
     stop_share: float = 1.0  # of all blocks that they are
     rounds: tuple[Round, ...] = (Round(),)  # what the chunks are of
     seconds: float = 0.0  # for which blocks have been simulated
-    worth: Worth | None = None  # by which the present round shows where more blocks would help
+    worth: Worth | None = None  # by which the present repetition shows where more blocks would help
     # Shape (n_points, n_scenarios); the worth of what the blocks of a repetition leave open, summed
-    # over those of the round.
+    # over those of the repetition.
     scores: FloatArray = field(default_factory=lambda: np.zeros((0, 0)))
-    # After each round: blocks that were simulated, and the share of the zoned area whose level
+    # After each repetition: blocks that were simulated, and the share of the zoned area whose level
     # another sample would change.
     history: list[tuple[int, float]] = field(default_factory=list)
 

@@ -78,7 +78,7 @@ class Cluster:
     def _result(self, future: ClusterFuture) -> Any:
         with _cluster_errors():
             done = future.result()
-        # An error of a task is returned, and so told from those of the cluster.
+        # An error of a task is returned, and so distinguished from those of the cluster.
         if isinstance(done, Exception):
             raise done
         return done
@@ -160,7 +160,7 @@ def cluster(scheduler: str) -> Iterator[Cluster]:
 
 
 def _check_versions(client: Client, scheduler: str) -> None:
-    """Tell at once what every task would tell."""
+    """Raise at once what every task would raise."""
     try:
         found: dict[str, str] = client.run(_version)
     except (ImportError, AttributeError):

@@ -152,7 +152,7 @@ class ControlLineSums:
     def from_state(
         cls, control_lines: tuple[ControlLine, ...], state: Mapping[str, NDArray[np.generic]]
     ) -> ControlLineSums:
-        """Return the sums that ``state`` gave."""
+        """Return the sums that ``state`` returned."""
         sums = cls(control_lines)
         for name, own in sums.state().items():
             own[...] = state[name]

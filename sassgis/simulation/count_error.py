@@ -104,12 +104,12 @@ def gamma_interval(
     confidence : float
         Probability that the interval holds the rate, below 1.
     freedom : float64
-        Degrees of freedom of the variances; infinite where blocks alone were drawn.
+        Degrees of freedom of the variances; infinite where only blocks were drawn.
 
     Returns
     -------
     lower, upper : float64
-        With no block counted the lower limit is 0; with variance 0, and blocks alone, it is the
+        With no block counted the lower limit is 0; with variance 0, and only blocks, it is the
         rate. NaN where the variance is.
     """
     if not 0.0 < confidence < 1.0:

@@ -248,7 +248,7 @@ def chunks_of(
     for own in rounds:
         numbers = own.first + np.arange(own.repetitions, dtype=np.int64)
         if own.halvings is None:
-            # Points beside each other, as all of a chunk then lies on few cells.
+            # Points next to each other, as all of a chunk then lies on few cells.
             chunks += [
                 Chunk(part, np.full(part.size, number), planned.scenarios[area[part[0]]], 1)
                 for number in numbers
@@ -339,7 +339,7 @@ def sampled_plan(run: MapRun, planned: Plan, blocks: int, points: int) -> tuple[
 
 
 def plan_of_points(planned: Plan, which: IntArray) -> Plan:
-    """Return the plan with some of its release points alone; each has the same random draws."""
+    """Return the plan with only some of its release points; each has the same random draws."""
     return replace(
         planned,
         points=take(planned.points, which),

@@ -113,7 +113,7 @@ class MapSums:
 
     @classmethod
     def from_state(cls, n_cells: int, state: Mapping[str, NDArray[Any]]) -> MapSums:
-        """Return the sums that ``state`` gave."""
+        """Return the sums that ``state`` returned."""
         sums = cls(n_cells)
         if len(state) > 1:
             sums.add(np.asarray(state["cells"], np.int64), {n: state[n] for n in SUM_NAMES})
@@ -134,7 +134,7 @@ def weighted_counts(
 ) -> tuple[IntArray, IntArray]:
     """Count blocks, and their squares by stratum, of blocks that count ``weight`` times each.
 
-    The square is the one with which count_variance gives the variance of the weighted number: it
+    The square is the one with which count_variance returns the variance of the weighted number: it
     adds up over blocks of several weights, and is no sum of squares then.
     """
     if weight == 1:

@@ -33,7 +33,7 @@ def paths_on_line(
 ) -> LinePaths | None:
     """Return paths of blocks on one line of a run, in the repetition of one of them.
 
-    Where paths are followed that of the one block alone. None if it is too short for a profile.
+    Where paths are followed only that of the one block. None if it is too short for a profile.
     Line, scenario and rock are numbers as in Progress.furthest.
     """
     which = np.array([line])
@@ -131,7 +131,7 @@ def _on_lines_again(
 def _in_plan(grid: Grid, log: NDArray[np.void]) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Return chainage and coordinates of a path that was followed, where its block moves on (m).
 
-    A block that slides back a little does so on its own path.
+    A block that slides back a little does so on its path.
     """
     ahead = np.flatnonzero(np.diff(log["x_m"], prepend=-np.inf) > 0.0)
     return (

@@ -68,7 +68,7 @@ class SourceSums:
 
     @classmethod
     def from_state(cls, state: Mapping[str, NDArray[Any]]) -> SourceSums:
-        """Return the counts that ``state`` gave."""
+        """Return the counts that ``state`` returned."""
         sums = cls(int(state["count"].shape[1]))
         sums.add(*(np.asarray(state[n], np.int64) for n in ("places", "count", "square")))
         return sums

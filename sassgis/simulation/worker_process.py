@@ -15,7 +15,7 @@ from queue import SimpleQueue
 from subprocess import PIPE, Popen, TimeoutExpired
 from typing import IO, Any
 
-#: Libraries that would each start threads of their own.
+#: Libraries that would each start separate threads.
 _THREADS = (
     "NUMBA_NUM_THREADS",
     "OMP_NUM_THREADS",
@@ -43,7 +43,7 @@ class WorkerLost(Exception):
 
 
 class WorkerProcess:
-    """A clean interpreter with pipes of its own, which works in a single thread.
+    """A clean interpreter with separate pipes, which works in a single thread.
 
     Not of ``multiprocessing``: that looks for modules in the current folder as it starts, loads the
     program that is running, shares pipes among processes, of which one that is killed leaves the
@@ -96,7 +96,7 @@ class WorkerProcess:
         """Wait for the end of the process; its exit code."""
         for pipe in (self._popen.stdin, self._popen.stdout):
             assert pipe is not None
-            # What is left to be sent has nobody to go to.
+            # What remains to be sent has nobody to go to.
             with suppress(OSError):
                 pipe.close()
         return self._popen.wait()

@@ -221,7 +221,7 @@ def beside(
 ) -> Iterator[Callable[[], R]]:
     """Run a function in a thread next to the ``with`` block; yield what waits for its result.
 
-    It works in the language of the caller, and has ended when the block ends. ``given_up`` tells it
+    It works in the language of the caller, and has ended when the block ends. ``given_up`` shows it
     when the block has failed or was stopped, so that nobody waits for all of it.
     """
     stop, context = threading.Event(), copy_context()

@@ -393,7 +393,7 @@ def _facts(manifest: Mapping[str, Any]) -> dict[str, dict[str, Any]]:
             # By the kind of file: there may be many tiles.
             name = f"{entry['role']}: {PurePath(entry['path']).suffix}"
             inputs.setdefault(name, {})[entry["sha256"]] = entry["path"]
-    # What a zoning found stands among its settings.
+    # Results of a zoning stand among its settings.
     settings = {k: v for k, v in manifest["settings"].items() if k != "zoning"}
     return {
         "program": {"sassgis": manifest["sassgis"]},
@@ -406,7 +406,7 @@ def _facts(manifest: Mapping[str, Any]) -> dict[str, dict[str, Any]]:
 
 
 def _flat(value: object, name: str = "") -> Iterator[tuple[str, object]]:
-    """Yield settings by dotted name; items of a list by their own name, if they have one."""
+    """Yield settings by dotted name; items of a list by their name, if they have one."""
     if isinstance(value, Mapping):
         for key, entry in value.items():
             yield from _flat(entry, f"{name}.{key}" if name else str(key))

@@ -42,7 +42,7 @@ class StoredResult:
     zones: Coverage | None = None
     # Codes of the levels, from low to high, as the tables have them.
     level_codes: tuple[str, ...] = ()
-    # Exposed objects, with their names and kinds alone.
+    # Exposed objects, with their only names and kinds.
     objects: PlacedObjects = field(default_factory=lambda: PlacedObjects((), ()))
     # ``deaths_per_year`` and ``loss_per_year`` of each object, roads as a whole.
     risk: Mapping[str, Mapping[str, float]] = field(default_factory=dict)

@@ -1,7 +1,7 @@
 """Variants of values: the same blocks once more, for each of a list of variants.
 
 A variant has other values of the ground classes, or another seed; all release the same blocks with
-the same random draws. What they found makes one table of answers, and maps. A sensitivity tries
+the same random draws. Their results make one table of answers, and maps. A sensitivity tries
 each range of values alone, at its low and its high end, and points that fill all ranges at once; a
 spread draws classes as they lie between sites, and a band is the middle 80 % of the draws.
 """
@@ -42,7 +42,7 @@ ENERGY_RATIO = "energy (95 %) on the map, over the base"
 _FARTHER = ("eta_max", "restitution", "restitution_speed_mps")
 #: Limits of a band.
 LOW, HIGH = 0.1, 0.9
-#: A class that is known of fewer sites is told weakly: a spread between two has one degree of
+#: A class that is known of fewer sites is known weakly: a spread between two has one degree of
 #: freedom.
 _ENOUGH_SITES = 3
 #: With fewer draws the limits of a band are hardly inside of the smallest and the largest.
@@ -101,7 +101,7 @@ def draw_of(ranges: Sequence[ParameterRange], seed: int, number: int) -> Variant
     """Return a draw of classes: normal about their values with the spread between sites.
 
     Values without meaning (LIMITS) are not drawn: the distribution is truncated there. Draw
-    ``number`` is a function of the seed and the names alone, whatever else is drawn.
+    ``number`` is a function of only the seed and the names, whatever else is drawn.
     """
     values = {}
     for r in ranges:

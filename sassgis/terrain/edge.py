@@ -36,7 +36,7 @@ class BeyondEdge:
 
 
 def edge_cells(known: BoolArray) -> BoolArray:
-    """Return cells with a height beside one without, or at the border of the grid."""
+    """Return cells with a height next to one without, or at the border of the grid."""
     beside = np.pad(known, 1)
     inside = beside[:-2, 1:-1] & beside[2:, 1:-1] & beside[1:-1, :-2] & beside[1:-1, 2:]
     out: BoolArray = known & ~inside

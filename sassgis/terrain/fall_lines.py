@@ -87,7 +87,7 @@ def trace(
 ) -> TraceSet:
     """Trace the fall lines of release points.
 
-    Each line depends on its own release point alone, so that tracing the points in chunks, in any
+    Each line depends on only its release point, so that tracing the points in chunks, in any
     order or in threads, gives the same lines to the last bit.
 
     A line ends, and says so by its LineEnd, where

@@ -19,7 +19,7 @@ from sassgis.grid import FloatArray, IntArray
 #: Half of the width (spacings) below which a part is narrow: a band of exactly one spacing is, as
 #: the lattice may lie on both of its borders.
 _HALF_WIDTH = 0.51
-#: Narrow parts start so far (spacings) beside the wide ones: rounding makes no slivers.
+#: Narrow parts start so far (spacings) next to the wide ones: rounding makes no slivers.
 _APART = 0.01
 #: Shortest narrow part (spacings): tips and steps of an outline are left to the lattice.
 _LENGTH = 2.0
@@ -50,7 +50,7 @@ def points_along(
         On the middle line (m).
     sides : float64, shape (count, 2, 2)
         As in ReleasePoints: about the area of a point, or the square of the lattice where that is
-        bent or in several pieces.
+        bent or in several parts.
     """
     walks = [_walk(part, _EDGE * spacing_m) for part in parts]
     area = np.cumsum(np.concatenate([own for own, _ in walks]))

@@ -1,6 +1,6 @@
 """Numbers for nodata that were taken for heights, also where resampling mixed them with heights.
 
-What is left of them are areas far below all that lies beside them, and rims of nodata that are
+What remains of them are areas far below all that lies next to them, and rims of nodata that are
 steeper than terrain. Neither is looked for by its value.
 """
 
@@ -44,10 +44,10 @@ TRACES_ADVICE = (
 
 @dataclass(frozen=True, slots=True)
 class NodataTraces:
-    """Cells whose heights come from a number for nodata, alone or mixed with heights."""
+    """Cells whose heights come from a number for nodata, by itself or mixed with heights."""
 
     cells: BoolArray  # of the shape of the heights
-    below_m: float  # how far they lie below the ground beside them (medians); 0 of none
+    below_m: float  # how far they lie below the ground next to them (medians); 0 of none
 
     @property
     def words(self) -> str:
@@ -126,7 +126,7 @@ def _areas_below(
 ) -> BoolArray:
     """Return areas of calm cells that are parted by walls from all else and lie far below it.
 
-    ``beside`` are the calm cells beside walls (flat indices), ``cluster`` the walls of each.
+    ``beside`` are the calm cells next to walls (flat indices), ``cluster`` the walls of each.
     """
     areas, n_areas = ndimage.label(calm)
     area = areas.ravel()[beside]

@@ -37,7 +37,7 @@ class Plan:
         return blocks
 
     def blocks_of_round(self, run: MapRun, own: Round) -> IntArray:
-        """Return blocks of a round at each point, shape (n,)."""
+        """Return blocks of a repetition at each point, shape (n,)."""
         repeated = np.zeros(len(self.points), np.int64)
         for area, scenarios in enumerate(self.scenarios):
             of = self.points.area == area

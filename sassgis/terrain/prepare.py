@@ -29,7 +29,7 @@ _SIMPLIFIED = 0.1
 class PreparedLines:
     """Lines on which blocks can be simulated."""
 
-    # Shape (n_traced,); which of the traced lines are long enough; all else refers to these alone.
+    # Shape (n_traced,); which of the traced lines are long enough; all else refers only to these.
     good: NDArray[np.bool_]
     lines: TraceSet
     flat: ProfileSet  # their profiles

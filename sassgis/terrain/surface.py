@@ -156,7 +156,7 @@ def _plane(values: FloatArray, valid: BoolArray) -> FloatArray:
 
 
 def _filled(residual: FloatArray, valid: BoolArray) -> FloatArray:
-    """Fill invalid cells from the nearest valid one, along its own slope."""
+    """Fill invalid cells from the nearest valid one, along its slope."""
     known = np.where(valid, residual, np.nan)
     slopes = [_one_sided_slope(known, axis) for axis in (0, 1)]
     distance, nearest = ndimage.distance_transform_edt(~valid, return_indices=True)
@@ -197,7 +197,7 @@ def _local_linear(
     """Return Gaussian-weighted local linear regression.
 
     ``scale`` in cells; ``general`` is the rise per row and per column where the surroundings carry
-    no slope of their own. NaN where invalid. What a cell gets depends on its surroundings alone, to
+    no separate slope. NaN where invalid. What a cell gets depends only on its surroundings, to
     the last bit, except where ``general`` is used.
     """
     radius = max(1, int(np.ceil(GAUSSIAN_ENDS * scale)))
@@ -207,7 +207,7 @@ def _local_linear(
     moments = tuple(weight * (offset / scale) ** power for power in (0, 1, 2))
     if not valid.all() or min(valid.shape) <= 4 * radius:
         return _regressed(heights, valid, moments, scale, general)
-    # Without nodata surroundings are incomplete near the edges alone.
+    # Without nodata surroundings are incomplete only near the edges.
     result = _correlated(heights, moments[0], moments[0])
     ends = (slice(radius), slice(2 * radius)), (slice(-radius, None), slice(-2 * radius, None))
     for both in ends:

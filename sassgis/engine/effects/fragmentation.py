@@ -118,7 +118,7 @@ def breaks(breaking: Breaking, key: np.uint64, number: int, lost: float) -> bool
 def most_fragments(breaking: Breaking, volume: float) -> int:
     """Count the most fragments that a volume (m³) can have, none of them below the smallest.
 
-    One more than there is room for is told as too many.
+    One more than there is room for counts as too many.
     """
     most = min(int(min(volume / breaking.smallest, 1e6)), MOST_SPAWNED + 1)
     return min(most, breaking.pieces) if breaking.form == THRESHOLD else most
@@ -210,7 +210,7 @@ def angles_aside(
 ) -> None:
     """Compute the angles in plan (rad) between the paths of the fragments and that of the whole.
 
-    No momentum aside is made: with the speeds ``vx`` along their own paths, Σ m v_x sin(angle) = 0.
+    No momentum aside is made: with the speeds ``vx`` along their paths, Σ m v_x sin(angle) = 0.
 
     Parameters
     ----------

@@ -1,8 +1,8 @@
 """Where effects act on the motion: the only file that the motion calls, and that names them all.
 
-Each hook is given all effects, or None for the model of 1986 alone; numba then leaves out what the
+Each hook is given all effects, or None for the model of 1986 only; numba then leaves out what the
 hook does. The motion is so compiled twice at most: without effects, and with all of them behind
-their forms. What an effect does stands in its own file.
+their forms. What an effect does stands in a separate file.
 """
 
 from __future__ import annotations
@@ -288,7 +288,7 @@ def after_stretch(effects: Effects | None, state: Record, block: Block, arrived:
     Parameters
     ----------
     arrived : bool
-        Whether it ended before the path that before_stretch gave.
+        Whether it ended before the path that before_stretch returned.
     """
     if effects is not None and effects.stand.form != trees.OFF:
         state.to_stem -= state.stem_rate * abs(state.x - state.x_from)

@@ -89,7 +89,7 @@ def prepare(settings: SoftGround | None) -> Soft:
 
 @lean
 def rebound_left(soft: Soft, normal_speed: float) -> float:
-    """Return share of the normal rebound that is left (Pfeiffer and Bowen 1989)."""
+    """Return share of the normal rebound that remains (Pfeiffer and Bowen 1989)."""
     ratio = normal_speed / soft.reference
     return 1.0 / (1.0 + ratio * ratio)
 
@@ -111,7 +111,7 @@ def scar_depth(soft: Soft, mass: float, radius: float, normal_speed: float) -> f
 
 @lean
 def scar_energy_left(soft: Soft, mass: float, radius: float, normal_speed: float) -> float:
-    """Return share of the energy that is left after the drag along the scar.
+    """Return share of the energy that remains after the drag along the scar.
 
     ½ C ρ A v² over the length of the scar, relative to ½ m v²; A is the segment of a circle of the
     block's radius below the surface and the length its chord.

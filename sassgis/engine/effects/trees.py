@@ -237,7 +237,7 @@ def _after(rate: float, steady: float, speed: float, time: float) -> tuple[float
     closed = -math.expm1(-rate * time)
     after = speed + (steady - speed) * closed
     if closed < _HARDLY_CLOSED:
-        # The steady speed may be as large as you like: of its difference only rounding is left.
+        # The steady speed may be as large as you like: of its difference only rounding remains.
         return 0.5 * (speed + after) * time, after
     return steady * time + (speed - steady) * closed / rate, after
 
@@ -385,7 +385,7 @@ def before_stretch(
 
 @lean
 def speed_left_at_stem(stand: Stand, state: Record, key: np.uint64, energy: float) -> float:
-    """Return share of the speed that is left after the stem that a step has come to.
+    """Return share of the speed that remains after the stem that a step has come to.
 
     Parameters
     ----------

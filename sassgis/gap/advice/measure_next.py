@@ -3,7 +3,7 @@
 For the latter, two calibrated models are released again, and seen where they differ most. Both fit
 what was observed, each with several draws of its parameters. What they would show elsewhere, or by
 quantities that were not measured, is simulated with the stated errors. A difference counts if the
-draws of one model do not differ as much; the number of rocks that would tell the models apart is
+draws of one model do not differ as much; the number of rocks that would distinguish the models is
 then that of a test of one mean (level 5 %, power 80 %).
 """
 
@@ -217,11 +217,11 @@ _LEAST_ROCKS = 5
 
 @dataclass(frozen=True, slots=True)
 class Separation:
-    """A measurement that tells two causes apart."""
+    """A measurement that distinguishes two causes."""
 
     one: str
     other: str
-    what: str  # what is measured, in words; empty if nothing that was tried tells them apart
+    what: str  # what is measured, in words; empty if nothing that was tried distinguishes them
     rocks: int  # that it takes
 
     @property
@@ -372,7 +372,7 @@ def _best(
 ) -> Separation:
     """Return measurement with the largest difference, counted on campaigns that did not choose it.
 
-    What was recorded of so many rocks already has not told them apart.
+    What was recorded of so many rocks already has not distinguished them.
     """
     half, sure = _CAMPAIGNS // 2, 0.0
     size = {w: _difference(first[w][:, :half], second[w][:, :half]) for w in first}

@@ -34,7 +34,7 @@ _SAMPLES, _FEWEST = 999, 3
 
 
 def values_of(scale: Scale, rows: FloatArray, column: int) -> FloatArray:
-    """Return a quantity in its own unit from rows of rocks; NaN where a rock has none."""
+    """Return a quantity in its unit from rows of rocks; NaN where a rock has none."""
     found = rows[..., column] * scale.scale[column] + scale.centre[column]
     if scale.names[column].partition(":")[2] in ("speed", "blocks"):
         found = np.exp(found)

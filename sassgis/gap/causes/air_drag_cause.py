@@ -35,7 +35,7 @@ _AIR_KGM3, MOST_DRAG = 1.2, 2.0
 #: Errors of the comparison itself, as a drag coefficient: what is more than that can be seen; and
 #: the longest contact (s).
 _LEAST_DRAG, _LASTS_S = 0.5, 0.1
-#: The same on flights in time; what may bend them aside, as a share of what brakes them.
+#: The same on flights in time; what may bend them sideways, as a share of what brakes them.
 _LEAST_DRAG_IN_TIME, _ASIDE = 0.2, 0.5
 #: A flight that kept its length to this share was free of anything but air.
 _FREE = 0.15

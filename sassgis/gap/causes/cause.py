@@ -131,7 +131,7 @@ MEDIAN_OF_NORMAL = 0.6745
 
 
 def usual_scatter(values: FloatArray) -> float:
-    """Return standard deviation of numbers, by the middle half of them alone."""
+    """Return standard deviation of numbers, by only the middle half of them."""
     return float(np.median(np.abs(values - float(np.median(values))))) / MEDIAN_OF_NORMAL
 
 
@@ -193,7 +193,7 @@ class Cause:
     #: Whether it is weighed against the other causes; the law of the contact is that of the base.
     weighed: bool = True
     #: Whether it closes some of the distance between observed and simulated rocks where it acts.
-    #: Masses of pieces and instruments that contradict each other show it without.
+    #: Masses of fragments and instruments that contradict each other show it without.
     closes: bool = True
     #: Reaches in which fitted models have it act: the whole slope, if it says nothing else.
     place: Placing = lambda case, _: case.reaches
@@ -304,7 +304,7 @@ def reaches_on(case: Case, classes: Sequence[str]) -> tuple[str, ...]:
 
 
 #: Mean turn at a contact (deg), and growth of offsets over the way, that edges of blocks and uneven
-#: ground make anywhere: no effect of its own. Published standard deviations are 5 to 20° and 10 to
+#: ground make anywhere: no separate effect. Published standard deviations are 5 to 20° and 10 to
 #: 20 % of the way (docs/effects.md); rigid bodies of the check turn by 7 to 12°.
 EDGES_TURN_DEG, EDGES_GROWTH = 10.0, 0.15
 #: How far paths leave their fall line by flying straight, where they are still near it (m per m).

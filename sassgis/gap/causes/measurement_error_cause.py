@@ -41,7 +41,7 @@ _LAG_S, _FAST_MPS = 0.5, 5.0
 #: errors of a coordinate.
 _NEAR_S, _FAR_ERRORS = 0.15, 8.0
 #: Scale of speeds that is within what instruments state, and least fall on the flights of a rock
-#: that tells it (m).
+#: that shows it (m).
 _SCALE_USUAL, _LEAST_FALL_M = 1.05, 2.0
 #: Product of neighbouring residuals that restarts from slightly wrong states make.
 _MADE_UP = 0.1

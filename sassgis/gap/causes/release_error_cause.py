@@ -63,7 +63,7 @@ def _draw(case: Case, draws: ParameterDraws) -> CausePart:
 def _position_error(case: Case, paths: Mapping[int, IntArray]) -> float:
     """Return standard error of a coordinate (m), as stated or, if more, as paths in time scatter.
 
-    Third differences of a flight are those of the errors alone, with variance 20 σ².
+    Third differences of a flight are those of only the errors, with variance 20 σ².
     """
     track = case.observations.trajectories
     jumps = [np.abs(np.diff(getattr(track, c)[rows], n=3)) for rows in paths.values() for c in "xy"]
@@ -89,7 +89,7 @@ def _first_point(case: Case, residuals: ResidualTable) -> Scores:
             )
     error = _position_error(case, paths)
     usual = _MORE * error * math.sqrt(0.5 * math.pi) + _STATED_M
-    # One whose film begins below the start, with a clock of its own, says nothing.
+    # One whose film begins below the start, with a separate clock, says nothing.
     slope = _first_slope(case)
     far = np.flatnonzero(off > usual).tolist()
     late = [rock for rock in far if _came_down(case, paths[rock], slope * off[rock], error)]

@@ -1,4 +1,4 @@
-"""Soft ground as a cause: rebound lost with the normal speed, on one ground alone."""
+"""Soft ground as a cause: rebound lost with the normal speed, on only one ground."""
 
 from __future__ import annotations
 

@@ -1,9 +1,9 @@
-"""Calibrate ground classes on prepared sites, and tell their spread between sites.
+"""Calibrate ground classes on prepared sites, and estimate their spread between sites.
 
 The spread by random effects: the value of a class at a site is normal about a mean with a standard
-deviation between sites, and the calibration of the site has an error of its own. The mean has a
+deviation between sites, and the calibration of the site has a separate error. The mean has a
 flat prior, the standard deviation a half-normal one, with the spread that was assumed before as its
-scale: two sites alone hardly tell it (Gelman 2006; Röver 2020).
+scale: two sites by themselves hardly show it (Gelman 2006; Röver 2020).
 """
 
 from __future__ import annotations
@@ -180,7 +180,7 @@ def search(
 ) -> Calibrated:
     """Calibrate the classes of all sites together.
 
-    The prior alone keeps parameters near their configured values: rocks left out are predicted with
+    Only the prior keeps parameters near their configured values: rocks left out are predicted with
     parameters that were chosen in the same way.
     """
     budget, prior = budget_of(task, draws), Prior.of(task.parameters)
@@ -255,7 +255,7 @@ class SiteCalibration:
     combinations: int  # of parameters that are identified
     trade_offs: tuple[TradeOff, ...]
     as_good: tuple[Mapping[str, float], ...]  # other combinations that fit as well, by label
-    alike: tuple[tuple[str, str], ...]  # pairs of classes that cannot be told apart
+    alike: tuple[tuple[str, str], ...]  # pairs of classes that cannot be distinguished
     sites: tuple[SiteResult, ...]
     contradict: bool  # whether no common parameters fit the sites
     #: Of the score over all sites, on rocks left out, as a share of the score before.
@@ -377,7 +377,7 @@ _MIDDLE = 1.645
 
 @dataclass(frozen=True, slots=True)
 class SiteValue:
-    """A parameter of a class as the rocks of one site alone tell it."""
+    """A parameter of a class as the rocks of one single site identify it."""
 
     site: str
     class_name: str  # or another name of the description that sites share
@@ -417,7 +417,7 @@ def between_sites(values: FloatArray, errors: FloatArray, scale: float) -> Betwe
             found=f"{values.size} values, errors {errors.tolist()}, scale {scale:g}",
             expected="one value or more; errors and scale above 0",
         )
-    # Denser towards 0, where a spread below the errors is told.
+    # Denser towards 0, where a spread below the errors is reported.
     root = 0.5 * (_NODES + 1.0)
     tau = _END * scale * root**2
     weight = 1.0 / (errors**2 + tau[:, None] ** 2)
@@ -484,9 +484,9 @@ def spread_of_sites(
 
 
 def site_values(task: CalibrationTask, found: Calibrated) -> tuple[SiteValue, ...]:
-    """Return values that the rocks of each site alone leave, and their standard errors.
+    """Return values that the rocks of each single site leave, and their standard errors.
 
-    What the rocks do not tell scatters over its range.
+    What the rocks do not identify scatters over its range.
     """
     prior, out = Prior.of(task.parameters), []
     for k, (site, told) in enumerate(zip(task.sites, found.told, strict=True)):

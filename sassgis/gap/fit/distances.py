@@ -157,7 +157,7 @@ def mean_interval(values: FloatArray) -> Interval:
 
 
 def energy_scores(observed: FloatArray, replicas: NDArray[np.floating]) -> FloatArray:
-    """Return energy score of each observation against its own replicas: E|Y − y| − ½ E|Y − Y'|.
+    """Return energy score of each observation against its replicas: E|Y − y| − ½ E|Y − Y'|.
 
     Strictly proper: it is smallest, in the mean, for the distribution that nature draws from
     (T. Gneiting and A. E. Raftery, 2007, Strictly proper scoring rules, prediction, and estimation,
@@ -177,7 +177,7 @@ def energy_scores(observed: FloatArray, replicas: NDArray[np.floating]) -> Float
     Returns
     -------
     float64, shape (n,)
-        NaN where nothing was measured or fewer than two replicas are left.
+        NaN where nothing was measured or fewer than two replicas remain.
     """
     known = np.isfinite(observed)
     seen = np.where(known, observed, 0.0)

@@ -1,6 +1,6 @@
 """Draw hypotheses, the base model with causes, and calibrate them with and without rocks left out.
 
-A hypothesis is a set of ranges from which its parameters are drawn. Every draw has its own
+A hypothesis is a set of ranges from which its parameters are drawn. Every draw has separate
 calibration of the ground, of the scatter of rolling friction, and of the sideways tilt and the
 drift of followed paths, so that an effect has to explain what calibration cannot.
 """
@@ -157,7 +157,7 @@ _AS_GOOD = (1.1, 0.01)
 
 
 def families_of(effect: str) -> tuple[str, ...]:
-    """Return families of a hypothesis; none of the calibrated ground alone."""
+    """Return families of a hypothesis; none for calibrated ground only."""
     return () if effect == NONE else tuple(effect.split("+"))
 
 

@@ -84,7 +84,7 @@ def told_by(found: LinearFit, sites: Sequence[Misfits]) -> tuple[Told, ...]:
         )
         scatter = small_sample_factor(site.units) * np.atleast_2d(np.cov(drawn.T))
         told = Told(found.best, weight @ slopes, whole, without, scatter)
-        # Numbers that even the site's own parameters leave farther apart than their errors say have
+        # Numbers that even the site's parameters leave farther apart than their errors say have
         # larger ones (Birge 1932, Phys. Rev. 40, 207-227).
         apart = bounded(site.whole) - slopes @ (told.estimate()[0] - found.best)
         scatter = scatter * max(float(apart @ apart) / max(apart.size, 1), 1.0)
@@ -211,7 +211,7 @@ def trade_offs(labels: Sequence[str], covariance: FloatArray) -> tuple[TradeOff,
 def as_good(posterior: Posterior) -> FloatArray:
     """Return combinations that fit as well as the best, as far apart as possible, shape (n, d).
 
-    By the observations alone they are among the better half of the posterior.
+    By only the observations they are among the better half of the posterior.
     """
     good = posterior.samples[posterior.excess <= np.quantile(posterior.excess, 0.5)]
     chosen = [posterior.best]
@@ -224,11 +224,11 @@ def as_good(posterior: Posterior) -> FloatArray:
 def classes_alike(
     parameters: Sequence[ClassParameter], posterior: Posterior
 ) -> tuple[tuple[str, str], ...]:
-    """Return pairs of classes that the observations cannot tell apart.
+    """Return pairs of classes that the observations cannot distinguish.
 
-    Two classes are told apart if the 95 % interval of the difference of one of their parameters,
+    Two classes are distinguished if the 95 % interval of the difference of one of their parameters,
     corrected for the number of parameters, does not contain zero. The interval is that with next to
-    no prior, which sets classes apart that no rock has told apart.
+    no prior, which sets classes apart that no rock has distinguished.
     """
     names = list(dict.fromkeys(p.class_name for p in parameters))
     alike = []

@@ -30,7 +30,7 @@ from sassgis.grid import BoolArray, FloatArray
 _FEWEST, _FEWEST_IMPACTS = 3.0, 15
 #: Bootstrap samples, and the least standard error of a number, in scatters of the rocks.
 _SAMPLES, _LEAST = 150, 0.03
-#: Ground alone is calibrated on numbers that this share of the samples have: of fewer rocks than
+#: Only ground is calibrated on numbers that this share of the samples have: of fewer rocks than
 #: about eight the errors are not known.
 _SURE = 0.99
 #: Larger turns at impacts count as this: slow rocks turn anywhere.
@@ -230,7 +230,7 @@ _LIMIT = 2.5
 #: with after a step as long as itself, after a shorter one, and after one that is not kept.
 _RADIUS, _ATTEMPTS = 1.2, 2
 _FARTHER, _KEPT, _NOT_KEPT = 1.3, 0.85, 0.6
-#: Standard deviation of the last draws, over that of what is left.
+#: Standard deviation of the last draws, over that of the remainder.
 _SPREAD = 1.3
 #: Number of the campaigns in which steps are compared: the same luck for all.
 _LOOK = 1
@@ -266,7 +266,7 @@ class FitBudget:
     """Rounds, draws of each, campaigns of a draw, and of a step that is looked at.
 
     Parameters are kept within ``limit`` standard deviations. A ``last`` round of so many draws, of
-    as many campaigns as a step, lies where the parameters may be, and the slopes are its alone.
+    as many campaigns as a step, lies where the parameters may be, and the slopes are only its.
     """
 
     rounds: int

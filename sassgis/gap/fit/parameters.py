@@ -5,7 +5,7 @@ a loss that grows with the speed make smooth, monotone functions of normal speed
 ground and angle of an impact. They are learned from single contacts, each predicted from the state
 that was observed before it, and shrunk towards the values of the class. What a class without
 contacts is taken to be follows the others half way. Spins have a factor and a scatter besides, the
-same for all classes: blocks do not turn in the plane of their path alone.
+same for all classes: blocks do not turn in only the plane of their path.
 """
 
 from __future__ import annotations
@@ -62,7 +62,7 @@ class ClassParameter:
 
     @property
     def label(self) -> str:
-        """Class and parameter in one word; the parameter alone if it is of no class."""
+        """Class and parameter in one word; only the parameter if it is of no class."""
         return f"{self.class_name}.{self.name}" if self.class_name else self.name
 
     def value(self, share: FloatArray | float) -> FloatArray:

@@ -139,7 +139,7 @@ class _Record:
         return noise / self._clock[owner]
 
     def _kind(self, rows: NDArray[np.void], owner: IntArray) -> IntArray:
-        """Return whether pieces broke off or were set in motion: the latter have one size."""
+        """Return whether fragments broke off or were set in motion: the latter have one size."""
         effects = self._model.effects
         entrainment = effects.get(Entrainment)
         if entrainment is None:

@@ -56,7 +56,7 @@ class Moved:
     pieces: NDArray[np.void]
     #: PASSAGE_DTYPE; where fall lines cross stations. ``chainage_m``: of the station on the line.
     passages: NDArray[np.void]
-    #: Where they end beside the fall line (m), shape (n_rocks + n_pieces,); 0 on profiles.
+    #: Where they end next to the fall line (m), shape (n_rocks + n_pieces,); 0 on profiles.
     lateral_m: FloatArray
     passed_lateral_m: FloatArray  # shape (n_passages,)
     event_logs: tuple[NDArray[np.void], ...]  # EVENT_DTYPE
@@ -101,7 +101,7 @@ def move(
     start = releases.start
     drawn = bool((start[:, 1] > start[:, 0]).any())
     if drawn:
-        # Each of them starts at a chainage of its own.
+        # Each of them starts at a separate chainage.
         rng = np.random.default_rng([seed, first_rock, 79])
         low, high = np.repeat(start, count, axis=0).T
         s = low + (high - low) * rng.random(n * count)
@@ -181,7 +181,7 @@ def with_stations_at(case: Case, places: FloatArray) -> Case:
 def _on_map(
     case: Case, rock: IntArray, s: FloatArray, lateral: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Return places at chainages of fall lines and beside them.
+    """Return places at chainages of fall lines and next to them.
 
     On the line where no height is known.
 

@@ -90,7 +90,7 @@ class Case:
     def group(self) -> IntArray:
         """Group of each rock (block, day, source): what is resampled together, shape (n_rocks,).
 
-        A rock without a group is one of its own.
+        A rock without a group is a group by itself.
         """
         table = self.observations.rocks
         stated = dict(zip(table.rock_id.tolist(), table.group.tolist(), strict=True))
@@ -163,7 +163,7 @@ class Case:
     ) -> FloatArray:
         """Return turns at contacts that rocks leave, by the speed after, fast enough to fly.
 
-        One that is slower than after a fall of its own diameter tumbles over its edges, whichever
+        One that is slower than after a fall of its diameter tumbles over its edges, whichever
         way they point; such turns are NaN, shape (n,) as all arrays. Without a speed they stay.
         """
         fall = 4.0 * self.engine.gravity_mps2 * self.radius_m[rock]
@@ -265,7 +265,7 @@ def classes_met(case: Case) -> tuple[str, ...]:
         own = (rock >= 0) & np.isfinite(s)
         kind, _ = case.ground_at(rock[own], s[own])
         np.add.at(length, kind[kind >= 0], 1.0)
-    # Impacts alone say nothing of ground without any.
+    # Impacts by themselves say nothing of ground without any.
     limit = _BEYOND * float(known.max()) if known.size else 0.0
     for line in np.unique(case.line).tolist():
         first, last = (int(v) for v in case.profiles.offset[line : line + 2])

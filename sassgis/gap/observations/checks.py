@@ -313,7 +313,7 @@ def check_downhill(obs: Observations, grid: Grid | None) -> Iterator[Observation
             level = np.where(np.isfinite(level), level, middle)
     room = max(2.0, SIGMAS * stated_or(obs.metadata.height_error_m, HEIGHT_ERROR_M))
     owner, rocks = obs.rock_of("passages"), obs.rocks
-    # For rocks of unknown release the summit says nothing: only their own release counts.
+    # For rocks of unknown release the summit says nothing: only their release counts.
     placed = np.isfinite(rocks.z) | np.isfinite(rocks.x + rocks.y)
     has_release = np.append(obs.of_rocks(placed) == 1.0, False)
     top = tops_m(obs, grid)[owner]

@@ -1,7 +1,7 @@
 """Hops between contacts, and what follows from them: passages at stations, numbers of a rock.
 
 Contacts are known in time and place, velocities are not. Between two of them a rock flies: the time
-tells how high, the places how far. Speeds are those of the way between contacts over at least a
+shows how high, the places how far. Speeds are those of the way between contacts over at least a
 second: over a single short hop the errors of the positions would decide.
 """
 
@@ -82,7 +82,7 @@ class _Ways:
     def over_a_second(self, i: IntArray, clock_s: FloatArray, values: FloatArray) -> FloatArray:
         """Return the change of ``values`` over the second around a time, on the ways of positions.
 
-        At the ends of a way the second beside it; NaN on a shorter way.
+        At the ends of a way the second next to it; NaN on a shorter way.
         """
         low, high = self.clock_s[self.first[i]], self.clock_s[self.last[i]]
         start = np.clip(clock_s - 0.5 * SPEED_OVER_S, low, high - SPEED_OVER_S)
@@ -149,7 +149,7 @@ def contact_numbers(contacts: ContactRows, radius_m: FloatArray) -> dict[str, Fl
     n = radius_m.size
     hops, ways = hops_of(contacts), _ways_of(contacts)
     number = np.bincount(contacts.rock, minlength=n).astype(np.float64)
-    # On a way of straight pieces the fastest second begins or ends at a contact.
+    # On a way of straight segments the fastest second begins or ends at a contact.
     i = np.tile(np.arange(ways.row.size), 2)
     clock = ways.clock_s[i] + np.repeat([-0.5, 0.5], ways.row.size) * SPEED_OVER_S
     speed = ways.over_a_second(i, clock, ways.way_m) / SPEED_OVER_S

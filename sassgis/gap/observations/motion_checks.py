@@ -30,13 +30,13 @@ from sassgis.gap.observations.tables import TABLES, Column
 from sassgis.grid import FloatArray, Grid, IntArray
 
 _KMH = 3.6
-#: Falls between impacts that tell a scale (m), their least number, and the scale that is certainly
+#: Falls between impacts that show a scale (m), their least number, and the scale that is certainly
 #: wrong.
 _LEAST_FALL_M, _LEAST_FLIGHTS, _SCALE_USUAL = 1.0, 12, 1.05
 #: Rocks, and share of them, from which on speeds that are too fast for the drop speak against the
 #: stated start, which a diagnosis looks for.
 _FEWEST_FAST, _SHARE_FAST = 5, 0.25
-#: Surface speed of a rock over its own speed: rolling is 1, a median of twice that is another unit.
+#: Surface speed of a rock over its speed: rolling is 1, a median of twice that is another unit.
 _SPIN_RATIO = 2.0
 #: Rotations in other units, as multiples of turns, and of radians, per second.
 _TURNS = {
@@ -85,7 +85,7 @@ def _energy_gain(obs: Observations, usable: NDArray[np.bool_]) -> Iterator[Obser
     after = impacts.vt_out_mps**2 + impacts.vn_out_mps**2
     rock = obs.rock_of("impacts")
     radius = np.append(rock_radii_m(obs), np.nan)[rock]
-    # A piece is smaller than its rock; of unknown mass, its spin says nothing.
+    # A fragment is smaller than its rock; of unknown mass, its spin says nothing.
     share = impacts.mass_kg / np.append(rock_masses_kg(obs), np.nan)[rock]
     radius = np.where(obs.is_piece("impacts"), radius * np.cbrt(share), radius)
     # A sphere's 2/5 r²: the rock may turn spin into speed.
@@ -351,7 +351,7 @@ def check_drops(
             rule, rows = RULES["km/h"], known
             says = f"median {np.median(speed[known]):.1f}; {says}"
         elif not many and missing.size >= max(_FEWEST_FAST, _SHARE_FAST * rocks):
-            # What is missing at a slow contact says little: those that lack most tell the start.
+            # What is missing at a slow contact says little: those that lack most show the start.
             more = float(np.quantile(missing, 0.9))
             words = {"rocks": missing.size, "all": rocks, "more": more}
             yield from RULES["start too low"].at(obs, table, too_fast, says, column, **words)

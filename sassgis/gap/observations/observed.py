@@ -106,7 +106,7 @@ class Observations:
     def rock_names(self) -> tuple[str, ...]:
         """Names of the rocks, which are the units of resampling.
 
-        Those of the table of rocks, less the pieces listed there; if there is no such table, all
+        Those of the table of rocks, less the fragments listed there; if there is no such table, all
         that turn up anywhere.
         """
         if len(self.rocks):
@@ -162,7 +162,7 @@ class Observations:
 
 
 def parent_of(rock_id: str) -> str | None:
-    """Return rock that a piece broke from, by its name alone: R7 for R7.2.
+    """Return rock that a fragment broke from, only by its name: R7 for R7.2.
 
     None without a suffix.
     """
@@ -171,9 +171,9 @@ def parent_of(rock_id: str) -> str | None:
 
 
 def root_of(rock_id: str, known: Iterable[str]) -> str:
-    """Return whole rock that a name goes back to: of a piece, or of a piece of a piece (R7.2.1).
+    """Return whole rock that a name goes back to: of a fragment, or a fragment of one (R7.2.1).
 
-    The shortest name in use that is left when suffixes are taken off; the name itself if there is
+    The shortest name in use that remains when suffixes are taken off; the name itself if there is
     none. ``known``: names in use; a set makes it fast.
     """
     found, name = rock_id, rock_id

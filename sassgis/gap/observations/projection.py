@@ -1,7 +1,7 @@
 """Observed points on fall lines: chainage, offset to the side, height above the ground.
 
 A rock moves in space, the model in the plane of its fall line. What was observed is put into that
-plane by the nearest point of the fall line that starts at the rock's own release point.
+plane by the nearest point of the fall line that starts at the rock's release point.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from sassgis.terrain.release import point_keys
 _END_M = 1e-6
 #: Length at the end of a line that gives its direction beyond (m).
 _LAST_M = 10.0
-#: Stations are prolonged by this much: a fall line may pass just beside one (m).
+#: Stations are prolonged by this much: a fall line may pass just next to one (m).
 PROLONG_M = 100.0
 
 
@@ -55,7 +55,7 @@ class StationChainages:
 def observed_release_points(observations: Observations) -> tuple[ReleasePoints, IntArray]:
     """Return the release points of the rocks that have one, for tracing their fall lines.
 
-    Each rock is an area of its own, named after it: its random draws do not depend on which other
+    Each rock is a separate area, named after it: its random draws do not depend on which other
     rocks were observed.
 
     Returns
@@ -115,7 +115,7 @@ def project(
     z : float64, shape (n,), optional
         Heights (m).
     grid : Grid, optional
-        The ground under the points. This is what a height above the ground refers to: beside the
+        The ground under the points. This is what a height above the ground refers to: next to the
         line the ground has another height than on it.
     prolonged : bool
         Whether lines go straight on beyond their end.
@@ -212,7 +212,7 @@ def station_chainages(
     """Find where each fall line crosses each station.
 
     Stations are prolonged straight on at both ends by ``prolong_m`` (m): a fall line may pass just
-    beside a line across the slope that every rock crossed.
+    next to a line across the slope that every rock crossed.
     """
     s, middle = np.full((len(traces), len(stations)), np.nan), np.full(len(stations), np.inf)
     for j, vertices in enumerate(stations.vertices):

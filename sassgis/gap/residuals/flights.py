@@ -1,6 +1,6 @@
 """Paths in time: what happens between impacts, in the air and along the ground.
 
-Between two impacts the model knows gravity alone in the air, and friction alone on the ground. A
+Between two impacts the model knows only gravity in the air, and only friction on the ground. A
 path that is bent otherwise, or loses speed on it, shows what acts there: air, stems, or a
 wrong scale or time base of the measurement.
 """
@@ -368,7 +368,7 @@ def _touched(t: FloatArray, z: FloatArray, error_m: float, gravity: float) -> bo
     rest = z - smooth @ (smooth.T @ z)
     size = (kinks**2).sum(axis=0)
     upward = kinks.T @ rest / size
-    # What fits best: beside a kink downwards, as a stem makes one, others seem to go up.
+    # What fits best: next to a kink downwards, as a stem makes one, others seem to go up.
     best = int(np.argmax(upward**2 * size))
     kink, own = float(upward[best]), float(size[best])
     left = max(float(rest @ rest) - kink**2 * own, 0.0) / (t.size - 4)
@@ -501,7 +501,7 @@ def _rolled(
 
 
 def _by_reach(case: Case, edges: FloatArray, pieces: list[_Piece], phase: str) -> list[Residual]:
-    """Return weighted means over the pieces of each rock, by reach and over all."""
+    """Return weighted means over the segments of each rock, by reach and over all."""
     if not pieces:
         return []
     rock = np.array([p.rock for p in pieces], np.int64)

@@ -230,7 +230,7 @@ def _first_contacts(
     known = np.isfinite(observed) & np.isfinite(predicted)
     if not known.any():
         return []
-    # Few runs of each rock: all of them tell the scatter.
+    # Few runs of each rock: all of them show the scatter.
     sd = math.hypot(math.sqrt(float(scatter[known].mean())), side_error(case))
     return [
         {
@@ -305,7 +305,7 @@ def residuals_of(
 ) -> ResidualTable:
     """Compare a case with a model, its errors of release and measurement apart.
 
-    ``configured_model`` gives that of the configuration. ``replicates``: runs of each rock.
+    ``configured_model`` returns that of the configuration. ``replicates``: runs of each rock.
     """
     rng = np.random.default_rng([seed, 31])
     running = RunModel.of(case, model, seed)

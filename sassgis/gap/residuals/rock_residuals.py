@@ -61,7 +61,7 @@ def _t(sums: FloatArray, squares: FloatArray, count: IntArray) -> FloatArray:
     with np.errstate(invalid="ignore", divide="ignore"):
         mean = sums / count
         variance = np.maximum(squares / count - mean**2, 0.0) * count / (count - 1)
-        # What is left of equal values is rounding.
+        # What remains of equal values is rounding.
         variance = np.where(variance < 1e-14 * mean**2, 0.0, variance)
         t = mean / np.sqrt(variance / count)
     t = np.where(sums == 0.0, 0.0, t)
@@ -127,7 +127,7 @@ def mean_gap_tests(
     values : float64, shape (n, k)
         Observed minus predicted, one row per rock; NaN where not measured.
     unit : int64, shape (n,), optional
-        Unit of each rock, from 0; default: each is one of its own.
+        Unit of each rock, from 0; default: each is a separate one.
 
     Returns
     -------
@@ -229,7 +229,7 @@ def rows_per_rock(values: FloatArray, rock: IntArray, n_rocks: int) -> FloatArra
     """Return number of rows of each rock that have a value, shape (n_rocks,).
 
     It is the weight of a rock in means over single steps: a rock that springs far makes few steps,
-    so that the mean over rocks of their own means would count the far ones too much.
+    so that the mean over rocks of their means would count the far ones too much.
     """
     own = (rock >= 0) & np.isfinite(values)
     return np.bincount(rock[own], minlength=n_rocks).astype(np.float64)

@@ -219,7 +219,7 @@ def passages_of(
 ) -> tuple[AtStations, BoolArray, FloatArray]:
     """Return passages as arrays by rock, replicate and station.
 
-    Of a rock and its pieces the rock's.
+    Of a rock and its fragments the rock's.
 
     ``rock`` and ``draw`` are those of each passage.
     """
@@ -228,7 +228,7 @@ def passages_of(
     at = AtStations(*values)
     at.arrived[:] = 0.0
     ground = np.zeros((n, k, n_stations), bool)
-    # The rock's own rows come before those of its pieces.
+    # The rock's rows come before those of its fragments.
     rows, rock, draw = done.passages[::-1], rock[::-1], np.asarray(draw, np.int64)[::-1]
     control_line = rows["control_line"].astype(np.int64)
     dip = dips_at(profiles, rock, rows["chainage_m"])
@@ -364,7 +364,7 @@ def _sides(
 def _apart(case: Case, lateral: FloatArray) -> FloatArray:
     """Return offsets of campaigns less what the rocks of each release have in common in it.
 
-    ``lateral``: shape (n_rocks, n_campaigns). A rock that was released alone keeps nothing.
+    ``lateral``: shape (n_rocks, n_campaigns). A rock that was released by itself keeps nothing.
     """
     start = case.traces.offset[case.line]
     places = np.column_stack([case.traces.x[start], case.traces.y[start]])

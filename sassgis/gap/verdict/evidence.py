@@ -241,7 +241,7 @@ def shares_of(
 
 
 def _second(added: AddedCauses, first: str, weights: CauseWeights, frozen: Thresholds) -> str:
-    """Return a second cause beside the first.
+    """Return a second cause in addition to the first.
 
     There is evidence left once the first is in the model.
     """

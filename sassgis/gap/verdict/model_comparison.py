@@ -201,7 +201,7 @@ def shrinkage_of(problem: SiteData, base: FloatArray, effect: str, rows: FloatAr
 def _by_quantity(
     problem: SiteData, base: FloatArray, effect: FloatArray
 ) -> Mapping[str, Mapping[str, float | None]]:
-    """Return the same for each quantity alone, all stations together."""
+    """Return the same for each single quantity, all stations together."""
     k = len(problem.scale.names)
     kinds: dict[str, list[int]] = {}
     for i, name in enumerate(problem.scale.names):
@@ -333,7 +333,7 @@ def _cleaned(change: FloatArray) -> FloatArray:
     """Keep changes in the few directions in which they exceed the chance of two campaigns."""
     n, q = change.shape
     _, size, directions = np.linalg.svd(change, full_matrices=False)
-    # Largest singular value of n vectors of chance alone (Marchenko and Pastur 1967).
+    # Largest singular value of n vectors of only chance (Marchenko and Pastur 1967).
     edge = (np.sqrt(n) + np.sqrt(q)) / np.sqrt(EACH)
     kept = directions[:_DIRECTIONS][size[:_DIRECTIONS] > edge]
     return np.asarray(change @ kept.T @ kept)

@@ -9,7 +9,7 @@ Every cause is weighed alike: a few numbers say what its surest fingerprint coun
 contact can leave and of the others, and what its gain counts. They were fitted on sites of several
 generators (``data/gap_thresholds.json``); each was judged by numbers that never saw it
 (docs/studies/gap_weights.md). What a contact could leave, and a gain, may come from a law of the
-contact that the base lacks: alone they make no cause more likely than none.
+contact that the base lacks: by themselves they make no cause more likely than none.
 """
 
 from __future__ import annotations
@@ -95,7 +95,7 @@ class Thresholds:
     level: float = 0.01  # adjusted p value up to which a fingerprint is significant
     named: float = 0.6  # probability from which a family is named
     grouped: float = 0.7  # that of all families of a group together from which it is certain
-    #: z of a second fingerprint, beside the first cause, from which two causes are named; of one
+    #: z of a second fingerprint, after the first cause, from which two causes are named; of one
     #: that takes no contacts, from which a cause is named that closes nothing.
     second: float = 6.0
     #: Probability from which the most probable family is calibrated, though it is not named.
@@ -188,7 +188,7 @@ def seen_of(
 ) -> tuple[str, ...]:
     """Return families that these data could show.
 
-    By a fingerprint of their own, or by what they close.
+    By a separate fingerprint, or by what they close.
 
     Paths in time could show theirs wherever they were recorded; so could masses, unless the one
     that a family adds may lie in the gap that another one leaves. Other fingerprints that no
@@ -205,7 +205,7 @@ def seen_of(
 def second_of(
     left: Sequence[Fingerprint], shares: Mapping[str, float], thresholds: Thresholds
 ) -> str:
-    """Return a second cause: what is left once the first one is in the model; "" if nothing is.
+    """Return a second cause: what remains once the first one is in the model; "" if nothing is.
 
     ``left``: of the base with the first cause; ``shares``: probability of the other families and of
     "none" beyond that base.
@@ -338,7 +338,7 @@ def place_of(
 ) -> tuple[str, tuple[str, ...]]:
     """Return phase of motion and reaches in which an effect acts, by calibrated draws of it.
 
-    Effects without a place of their own act where the gap lies, by the ``findings``.
+    Effects without a known place act where the gap lies, by the ``findings``.
     """
     if effect == NONE:
         return "", ()

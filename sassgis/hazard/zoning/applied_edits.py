@@ -47,7 +47,7 @@ class AppliedEdit:
 
     @property
     def has_changed(self) -> bool:
-        """Whether the computed level has changed by so much that a user is told."""
+        """Whether the computed level has changed by so much that a user is warned."""
         return self.changed >= max(CHANGED_MIN, BEYOND_CHANCE * self.by_chance)
 
 
@@ -105,7 +105,7 @@ def with_edits(
     Returns
     -------
     zones : Coverage
-        What an edit made another level is a zone of its own.
+        What an edit made another level is a separate zone.
     edit : int64, shape (n_zones,)
         The edit that made each zone; -1 for none.
     applied : tuple of AppliedEdit
@@ -131,7 +131,7 @@ def with_edits(
         )
         acts = own & _acts(edit, level)
         level[acts], made_by[acts] = edit.level, number
-    # What is a zone of its own: the level first, so that threads join a level that is not lower.
+    # What is a separate zone: the level first, so that threads join a level that is not lower.
     base = len(edits) + 1
     kinds = without_threads(faces, np.where(level > 0, level * base + made_by + 1, 0))
     drawn = dissolved(faces, kinds)

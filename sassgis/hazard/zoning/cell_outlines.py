@@ -96,7 +96,7 @@ def _corners(cells: BoolArray) -> tuple[IntArray, IntArray, IntArray, IntArray]:
     for (south, east), own in around.items():
         opposite, neighbour = around[1 - south, 1 - east], around[1 - south, east]
         alone = ((count == 1) & (own > 0)) | ((count == 3) & (own == 0))
-        # Where two cells meet at a point each has a corner of its own if they are of two regions.
+        # Where two cells meet at a point each has a separate corner if they are of two regions.
         # If they are of one, each of the two empty cells has: so a shell and a hole touch there,
         # or two holes, in place of one ring that touches itself.
         met = (count == 2) & ((own > 0) == (opposite > 0))

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from sassgis.grid import BoolArray, IntArray
 from sassgis.hazard.zoning.cell_outlines import PRECISION_M
 
-#: Places that are nowhere wider than this (m) are no zones of their own.
+#: Places that are nowhere wider than this (m) are no separate zones.
 _THREAD_M = 0.2
 
 
@@ -61,7 +61,7 @@ def without_threads(faces: NDArray[Any], classes: IntArray) -> IntArray:
 
     Again and again, as several may lie side by side. What is no wider than the rounding of
     coordinates joins the highest wider one that it borders, also a lower one; a thread that came
-    to a class over such a bridge alone goes back to that of its neighbours.
+    to a class only over such a bridge goes back to that of its neighbours.
     """
     out = classes.copy()
     threads = np.flatnonzero(_nowhere_wider(faces, _THREAD_M))
@@ -86,7 +86,7 @@ def without_threads(faces: NDArray[Any], classes: IntArray) -> IntArray:
 
 
 def _highest_beside(classes: IntArray, thread: IntArray, face: IntArray) -> IntArray:
-    """Return highest class of the faces beside each thread; -1 elsewhere."""
+    """Return highest class of the faces next to each thread; -1 elsewhere."""
     highest = np.full(classes.size, -1)
     np.maximum.at(highest, thread, classes[face])
     return highest

@@ -60,7 +60,7 @@ def _grown(area: Any, distance_m: float, chords: int = 6) -> Any:
     """
     if distance_m >= 0.0:
         return shapely.buffer(area, distance_m, quad_segs=chords)
-    # Parts that shrink do not meet: of one with many GEOS looks at each beside all others.
+    # Parts that shrink do not meet: of one with many GEOS looks at each next to all others.
     parts = shapely.buffer(shapely.get_parts(area), distance_m, quad_segs=chords)
     return shapely.multipolygons(shapely.get_parts(parts))
 
@@ -99,7 +99,7 @@ def _narrow(
     """Return parts of polygons into which no disk fits that is as wide, and the polygon of each."""
     # A part of exactly this width is not narrow.
     half = _FITS * width_m / 2.0
-    # One by one, as they are: GEOS would look at each beside all others.
+    # One by one, as they are: GEOS would look at each next to all others.
     wide = _grown(shapely.buffer(areas, -half, quad_segs=6), corner * half)
     parts, of = shapely.get_parts(shapely.difference(areas, wide), return_index=True)
     large = shapely.area(parts) > _SPECK * width_m**2
@@ -117,7 +117,7 @@ def _widened(area: Any, width_m: float) -> Any:
             break
         grown = shapely.union_all(_grown(narrow, width_m / _STEP))
         area = shapely.union(area, grown)
-        # Only beside what has grown may another part be narrow still.
+        # Only next to what has grown may another part be narrow still.
         near = shapely.intersection(area, _grown(grown, 2.0 * width_m, 2))
     return area
 
@@ -199,7 +199,7 @@ def _on_terrain(area: Any, known: Any, must: Sequence[Any]) -> Any:
 def _with_rims(higher: Any, lower: Any, rules: Drawing) -> Any:
     """Return higher area with what lies between it and the lower one and is too small to be drawn.
 
-    Narrow parts and small pieces beside the higher area belong to it. Narrow ends that do not touch
+    Narrow parts and small parts next to the higher area belong to it. Narrow ends that do not touch
     it stay what they are.
     """
     parts = polygons_of(shapely.difference(lower, higher))
@@ -280,8 +280,8 @@ def drawn_zones(
     Lines are those of mathematical morphology with disks (Serra 1982), on polygons. For each class,
     from the highest, the area of the cells of it and the higher ones is smoothed outwards, narrow
     parts are widened, what the higher class and the map before have is added, gaps are closed,
-    small parts enlarged, gaps beside them closed, and small holes filled. Then, from the lowest
-    class, narrow and small parts beside a higher class join that.
+    small parts enlarged, gaps next to them closed, and small holes filled. Then, from the lowest
+    class, narrow and small parts next to a higher class join that.
     """
     maps = [np.asarray(m, np.int16) for m in maps]
     for m in maps:

@@ -68,7 +68,7 @@ def level_change_layer(before: StoredResult, after: StoredResult) -> RasterLayer
 def zone_changes(
     before: StoredResult, after: StoredResult
 ) -> tuple[VectorLayer, pd.DataFrame] | None:
-    """Return pieces of the zones by what becomes of their level, and their areas.
+    """Return parts of the zones by what becomes of their level, and their areas.
 
     None without zones.
     """

@@ -28,7 +28,7 @@ from sassgis.settings.styles import FieldInfo, StyleClass, Symbol, VectorStyle, 
 #: No colours of hazard levels, under which objects would not be seen.
 _RAMP = "RdPu"
 _NOTHING_COLOUR = "#8c8c8c"
-#: Less than any risk, and more than 0: what has none is a class of its own.
+#: Less than any risk, and more than 0: what has none is a separate class.
 _LEAST = 1e-30
 _RISK_LIMITS = (1e-6, 1e-5, 1e-4, 1e-3)
 _LOSS_LIMITS = (1.0, 10.0, 100.0, 1000.0, 10_000.0)
@@ -88,7 +88,7 @@ def exposed_layers(placed: PlacedObjects, crs: str) -> list[VectorLayer]:
 def risk_frames(
     table: RiskTable, currency: str, values: ObjectValues | None = None
 ) -> dict[str, pd.DataFrame]:
-    """Return the tables of a run by the stem of their files; the currency is a column of its own.
+    """Return the tables of a run by the stem of their files; the currency is a separate column.
 
     ``risk_objects``: a row per object, with ``values`` where they are given. ``risk_sources``: a
     row per object and source that hits it. ``risk_total``: sums by road, kind, source, and over

@@ -233,7 +233,7 @@ def cell_outlines(numbers: NDArray[Any], grid: Grid) -> Iterator[tuple[Any, int]
 
     Outline with the corners of cells, number.
 
-    Cells that touch at a corner only are patches of their own.
+    Cells that touch at a corner only are separate patches.
     """
     patches = rasterio.features.shapes(
         numbers, numbers > 0, connectivity=4, transform=affine_of(grid)

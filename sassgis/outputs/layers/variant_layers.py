@@ -1,4 +1,4 @@
-"""Maps, areas and tables of what is found with other values of the ground classes."""
+"""Maps, areas and tables of results with other values of the ground classes."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ _LOOKS: dict[str, tuple[tuple[float, ...], str]] = {
     "reach_share": (_SHARES, "YlGnBu"),
     "energy_ratio": ((0.5, 0.8, 1.25, 2.0, 4.0), "RdBu_r"),
 }
-#: Colours for the parameters, told apart as well as so many can be (P. Tol, 2021, "muted").
+#: Colours for the parameters, as distinct as so many can be (P. Tol, 2021, "muted").
 _COLOURS = (
     "#332288", "#88ccee", "#44aa99", "#117733", "#999933", "#ddcc77", "#cc6677", "#882255",
     "#aa4499", "#6699cc", "#661100", "#dddddd",
@@ -84,7 +84,7 @@ def sensitivity_layers(
 def _parameter_classes(
     strongest: NDArray[np.int64], ranges: Sequence[ParameterRange]
 ) -> tuple[RasterClass, ...]:
-    """Return ranges that occur, in colours of their own from the most frequent; the rest in one."""
+    """Return ranges that occur, in separate colours from the most frequent; the rest in one."""
     count = np.bincount(strongest, minlength=len(ranges) + 1)[1:]
     order = [int(i) for i in np.argsort(-count, kind="stable") if count[i] or i == 0]
     colour = {k: _COLOURS[min(n, len(_COLOURS) - 1)] for n, k in enumerate(order)}
@@ -121,7 +121,7 @@ def spread_layers(
 def spread_vectors(
     maps: CellMaps, draws: int, grid: Grid, preset: HazardPreset | None
 ) -> tuple[VectorLayer, ...]:
-    """Return areas that blocks reach in some and in most draws, and pieces where levels change."""
+    """Return areas that blocks reach in some and in most draws, and parts where levels change."""
     layers = []
     level, low, high = (maps.bands["ground_level"][name] for name in ("base", "low", "high"))
     for key, other, which in (("higher", high, high > level), ("lower", low, low < level)):

@@ -138,7 +138,7 @@ def open_limits(hazard: Hazard, preset: HazardPreset, grid: Grid) -> VectorLayer
 
 
 def changes(before: Coverage, after: Coverage) -> gpd.GeoDataFrame:
-    """Return pieces of two maps of zones with their class in both (0: no zone).
+    """Return parts of two maps of zones with their class in both (0: no zone).
 
     Columns ``before``, ``after``; geometry on the coordinates of the zones.
     """
@@ -154,7 +154,7 @@ def changes(before: Coverage, after: Coverage) -> gpd.GeoDataFrame:
 def level_changes(
     both: gpd.GeoDataFrame, codes: Sequence[str], crs: str, key: str = "level_changes"
 ) -> VectorLayer:
-    """Return pieces of zones from :func:`changes` by what becomes of their level.
+    """Return parts of zones from :func:`changes` by what becomes of their level.
 
     ``codes`` are those of the levels, from low to high; ``key`` is the layer of
     ``data/map_layers.csv`` that says what is compared.
@@ -183,7 +183,7 @@ def change_table(
 
 
 def without_barriers(layer: VectorLayer) -> VectorLayer:
-    """Return the zones of a run without walls and nets, under a name of their own."""
+    """Return the zones of a run without walls and nets, under a separate name."""
     return replace(layer, name="hazard_zones_without", title="Hazard zones without walls and nets")
 
 

@@ -44,7 +44,7 @@ class PrintLayout:
     layers: tuple[str, ...]
     extent: Extent  # what the map must show (m)
     facts: tuple[tuple[str, str], ...] = ()  # what it rests on: ("Terrain", "DEM of 2 m, ...")
-    notes: tuple[str, ...] = ()  # what the reader must know; in a box of their own
+    notes: tuple[str, ...] = ()  # what the reader must know; in a separate box
     #: Denominator of the scale for which the zones are drawn: the sheet has no larger one. 0: any.
     drawn_for: float = 0.0
 

@@ -138,7 +138,7 @@ def write_run_project(
     )
     base = []
     if base_map is not None and imprint.base_map is not None:
-        # As seen from the working folder, which lies beside that of the result.
+        # As seen from the working folder, which lies next to that of the result.
         place = seen_from(folder.resolve(), imprint.base_map)
         base = [LayerGroup("Base map", (LayerEntry(base_map, place),))]
     shown = [
@@ -214,7 +214,7 @@ def zone_groups(
 ) -> tuple[LayerGroup, ...]:
     """Return the groups of a zoning: zones, intensities, frequencies, federal layers, risk.
 
-    Rasters are in ``maps``, edits in a file of their own, the others in ``hazard.gpkg``.
+    Rasters are in ``maps``, edits in a separate file, the others in ``hazard.gpkg``.
     """
 
     def vectors(layers: Sequence[VectorLayer], visible: tuple[str, ...] = ()) -> list[LayerEntry]:

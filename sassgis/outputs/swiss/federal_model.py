@@ -258,7 +258,7 @@ def unique_short_names(names: Sequence[str], longest: int = 50) -> dict[str, str
         raise InputError("a source has no name", found=repr(empty[0]), expected="a text")
     taken: set[str] = set()
     short: dict[str, str] = {}
-    # Those that need no cut have the first claim to their own name.
+    # Those that need no cut have the first claim to their name.
     for name in sorted(wanted, key=lambda name: len(plain[name]) > longest):
         text, number = plain[name][:longest].rstrip(), 1
         while text in taken:

@@ -191,7 +191,7 @@ def _text(attribute: Attribute, value: Any) -> str:
 
 
 def _document(objects: Mapping[str, Sequence[XtfObject]]) -> Iterator[str]:
-    """Return the text of a transfer file in pieces, as it may be large.
+    """Return the text of a transfer file in parts, as it may be large.
 
     ``objects`` are those of each class; the identifier of the basket is made from theirs.
     """

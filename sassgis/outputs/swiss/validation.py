@@ -76,7 +76,7 @@ class ValidationResult:
         ]
 
 
-#: Runs in a process of its own: the library prints what it likes, and may take the process down.
+#: Runs in a separate process: the library prints what it likes, and may take the process down.
 _RUNNER = """
 import json, sys
 from ilivalidator import Ilivalidator

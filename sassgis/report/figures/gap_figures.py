@@ -1,4 +1,4 @@
-"""Figures of a diagnosis: where simulated and observed rocks part, why, and what is left."""
+"""Figures of a diagnosis: where simulated and observed rocks part, why, and the remaining gap."""
 
 from __future__ import annotations
 
@@ -179,7 +179,7 @@ def _chosen_rows(findings: Sequence[GapFinding]) -> dict[tuple[str, str], list[G
 
 @house_style()
 def gap_where_figure(findings: Sequence[GapFinding]) -> Figure:
-    """Draw every gap as a dot with its interval, a panel for each quantity in its own unit.
+    """Draw every gap as a dot with its interval, a panel for each quantity in its unit.
 
     The most certain findings come first. Quantities beyond ``MAX_PANELS`` and rows of one beyond
     ``MAX_ROWS`` are left out, and the figure says so.
@@ -203,7 +203,7 @@ def gap_where_figure(findings: Sequence[GapFinding]) -> Figure:
     sheet = Sheet("Observed less predicted, by place and phase", note, _ROW_IN * max(filled))
     grid = sheet.figure.add_gridspec(1, len(columns))
     for k, keys in enumerate(columns):
-        # What is left below the shorter column stays empty.
+        # The room below the shorter column stays empty.
         ratios: list[float] = [len(groups[key]) + _HEAD_ROWS for key in keys]
         rest = [max(filled) - filled[k]] if filled[k] < max(filled) else []
         parts = grid[0, k].subgridspec(len(keys) + len(rest), 1, height_ratios=ratios + rest)

@@ -46,7 +46,7 @@ from sassgis.settings.hazard_rules import HazardCurves, HazardPreset
 from sassgis.settings.labels import power_of_ten, thousands
 from sassgis.settings.languages import joined, phrase
 
-#: Sources with a curve of their own; the others go together.
+#: Sources with a separate curve; the others go together.
 MAX_SOURCES = 6
 _COLOURS = (BLUE, VERMILION, GREEN, PURPLE, ORANGE, SKY)
 _DASHES = ((0, (5, 1.5)), (0, (1, 1.2)), (0, (6, 1.5, 1, 1.5)), (0, (3, 1)), (0, (8, 2)), "-")

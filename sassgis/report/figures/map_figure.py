@@ -237,7 +237,7 @@ def areas_of(cells: NDArray[np.bool_], place: Affine) -> list[shapely.Geometry]:
 
 
 def colour_bar(axes: Sequence[Axes], panel: MapPanel, words: str, **how: Any) -> None:
-    """Draw the bar of the colours of some maps beside them."""
+    """Draw the bar of the colours of some maps next to them."""
     figure = axes[0].get_figure()
     assert isinstance(figure, Figure)
     colours = ScalarMappable(panel.norm, panel.colours)

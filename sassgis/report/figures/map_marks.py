@@ -47,7 +47,7 @@ _CONTROL_LINE_LINE = {
 
 @dataclass(frozen=True, slots=True)
 class MapName:
-    """A name beside a place of a map, so many points from it, and its look."""
+    """A name next to a place of a map, so many points from it, and its look."""
 
     text: str
     at: tuple[float, float]
@@ -200,7 +200,7 @@ def object_names(objects: Sequence[MapObject], box: Extent) -> list[MapName]:
 
 
 def _write_names(ax: Axes, names: Sequence[MapName], box: Extent, points_per_metre: float) -> None:
-    """Write names beside their places where they do not overlap those before them.
+    """Write names next to their places where they do not overlap those before them.
 
     One for which there is no room on either side, above or below is left out, unless it is needed.
     """
@@ -258,7 +258,7 @@ def control_line_names(control_lines: Sequence[MapControlLine], box: Extent) -> 
 
 
 def line_name(name: str, xy: FloatArray, **look: Any) -> MapName:
-    """Return the name of a line across a map, beside its easternmost vertex."""
+    """Return the name of a line across a map, next to its easternmost vertex."""
     x, y = xy[np.argmax(xy[:, 0])]
     look = {"weight": "bold", "zorder": 22, **look}
     return MapName(name, (float(x), float(y)), 3.0, look, needed=True)

@@ -154,7 +154,7 @@ def halo(width: float = 2.0) -> list[AbstractPathEffect]:
 def beside(
     ax: Axes, words: str, at: tuple[float, float], offset_pt: tuple[float, float], **how: Any
 ) -> None:
-    """Write a text so many points beside a place."""
+    """Write a text so many points next to a place."""
     ax.annotate(words, at, xytext=offset_pt, textcoords="offset points", **({"size": SMALL} | how))
 
 
