@@ -109,7 +109,7 @@ def _too_little(limit: int) -> str:
 
 
 def _memory_limit() -> int:
-    """Return memory that this process may have (bytes); 0 if nothing limits it."""
+    """Return the memory that this process may have (bytes); 0 if nothing limits it."""
     try:
         import resource
     except ImportError:  # pragma: no cover

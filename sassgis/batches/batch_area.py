@@ -157,7 +157,7 @@ def read_setting(
 
 
 def shared_digest(config: Config) -> str:
-    """Return fingerprint of the settings and of the files that all areas share."""
+    """Return the fingerprint of the settings and of the files that all areas share."""
     own = replace(
         config,
         terrain=replace(config.terrain, dem=None),
@@ -440,7 +440,7 @@ def _write_sums_manifest(work: Path, config: Config, done: Simulation) -> None:
 
 
 def _counted(progress: Progress, n_cols: int) -> tuple[int, int, int, int]:
-    """Return first row and column of the counts, and how many rows and columns they take."""
+    """Return the first row and column of the counts, and how many rows and columns they take."""
     own = [progress.sums.cells, *(t.cells.counts().places for t in progress.sources.values())]
     row, col = np.divmod(np.concatenate(own), n_cols)
     if not row.size:
@@ -450,7 +450,7 @@ def _counted(progress: Progress, n_cols: int) -> tuple[int, int, int, int]:
 
 
 def _zones_m2(found: Assessment, rules: Rules) -> dict[str, float]:
-    """Return area of the zones by the code of the hazard level."""
+    """Return the area of the zones by the code of the hazard level."""
     levels = found.hazard.levels
     return {
         level.code: round(float(sum(p.area for p in levels.polygons[levels.classes == k])), 1)
@@ -459,5 +459,5 @@ def _zones_m2(found: Assessment, rules: Rules) -> dict[str, float]:
 
 
 def no_ground(grid: Grid) -> NDArray[np.int32]:
-    """Return ground of no account, which takes no memory."""
+    """Return the ground of no account, which takes no memory."""
     return np.broadcast_to(np.zeros(1, np.int32), grid.shape)

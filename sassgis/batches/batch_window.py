@@ -249,7 +249,7 @@ def _beyond(reached: Part, part: Part) -> Sides:
 
 
 def _extent(run: MapRun, planned: Plan, lines: int) -> tuple[float, float, float, float]:
-    """Return rectangle around so many of the lines, evenly taken (m)."""
+    """Return the rectangle around so many of the lines, evenly taken (m)."""
     low, high = np.full(2, np.inf), np.full(2, -np.inf)
     starts = take(planned.starts, slice(None, None, max(len(planned.starts) // lines, 1)))
     for first in range(0, len(starts), _POINTS):

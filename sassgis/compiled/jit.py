@@ -61,7 +61,7 @@ def loaded_numba() -> ModuleType:
 
 @functools.cache
 def _cache_folder() -> Path | None:
-    """Return folder of the machine code that belongs to the sources as they stand.
+    """Return the folder of the machine code that belongs to the sources as they stand.
 
     None: keep none.
     """

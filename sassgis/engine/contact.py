@@ -41,7 +41,7 @@ def _no_contact(t: float) -> Contact:
 
 @inlined
 def span(profile: Records, j: int) -> float:
-    """Return length of a segment, along its tangent (m)."""
+    """Return the length of a segment, along its tangent (m)."""
     here = profile[j]
     after = profile[j + 1]
     return float((after.x - here.x) * here.tx + (after.z - here.z) * here.tz)
@@ -189,7 +189,7 @@ def next_contact(
     near: int,
     skip_to: int,
 ) -> Contact:
-    """Return first contact of a flying block with a profile.
+    """Return the first contact of a flying block with a profile.
 
     Parameters
     ----------
@@ -334,7 +334,7 @@ def resting_height(
     profile: Records,
     near: int,
 ) -> float:
-    """Return height of the centre of an ellipse let down on the profile at chainage x (m).
+    """Return the height of the centre of an ellipse let down on the profile at chainage x (m).
 
     The largest of the heights at which it touches a segment within its ends, or a vertex.
 

@@ -92,7 +92,7 @@ def with_inertia(block: Block, own: float) -> Block:
 
 @lean
 def with_drag(block: Block, sd: float) -> Block:
-    """Return block with a random rolling friction: log-normal, sd is that of the logarithm."""
+    """Return the block with a random rolling friction: log-normal, sd is that of the logarithm."""
     if sd <= 0.0:
         return block
     drag = math.exp(sd * rng.normal(block.key, rng.ROLLING_FRICTION, 0))

@@ -9,7 +9,7 @@ from sassgis.compiled.jit import fused, kernel, lean
 
 @lean
 def inertia(a: float, b: float) -> float:
-    """Return moment of inertia per unit mass about the axis normal to the plane (m²).
+    """Return the moment of inertia per unit mass about the axis normal to the plane (m²).
 
     (a² + b²)/5.
     """
@@ -18,7 +18,7 @@ def inertia(a: float, b: float) -> float:
 
 @lean
 def contact_frame(a: float, b: float, theta: float) -> tuple[float, float, float]:
-    """Return centre as seen from the point of contact, in local axes.
+    """Return the centre as seen from the point of contact, in local axes.
 
     Parameters
     ----------

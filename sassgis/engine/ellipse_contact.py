@@ -336,7 +336,7 @@ def vertex_gap(
 def contact_with_vertex(
     flying: Flying, start: float, end: float, tolerance: float, behind: Record, vertex: Record
 ) -> tuple[float, float, float]:
-    """Return first time in [start, end] at which a flying block touches a convex vertex.
+    """Return the first time in [start, end] at which a flying block touches a convex vertex.
 
     Parameters
     ----------

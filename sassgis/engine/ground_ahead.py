@@ -118,7 +118,7 @@ def _rise_across(before: float, own: float, after: float) -> float:
 
 @inlined
 def terrain_height(path: Path, u: float, v: float) -> float:
-    """Return height of the terrain (m); NaN where it is not known."""
+    """Return the height of the terrain (m); NaN where it is not known."""
     return height_at(path.heights, u, v, int(np.floor(v)), int(np.floor(u)))
 
 
@@ -292,7 +292,7 @@ class _Lines(NamedTuple):
 
 @inlined
 def _met_at(line: float, origin: float, rate: float, from_x: float) -> float:
-    """Return chainage at which a line is met (m)."""
+    """Return the chainage at which a line is met (m)."""
     return from_x + (line - origin) / rate if rate != 0.0 else np.inf
 
 

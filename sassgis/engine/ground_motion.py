@@ -114,7 +114,7 @@ def _tip(state: Record, block: Block, site: Site, gravity: float, down: float) -
 
 @inlined
 def _friction(state: Record, block: Block, site: Site) -> float:
-    """Return friction on the segment under a block that rolls or slides."""
+    """Return the friction on the segment under a block that rolls or slides."""
     ground = site.grounds[site.profile[state.segment].ground]
     if state.phase == ROLLING:
         return rolling_friction(block, ground)

@@ -284,7 +284,7 @@ def _tilted(slope: float, before: float, after: float) -> tuple[float, float, fl
 
 @inlined
 def _rests_at(state: Record, block: Block, site: Site) -> float:
-    """Return height at which the block would touch the ground as it stands (m)."""
+    """Return the height at which the block would touch the ground as it stands (m)."""
     if state.phase == ROLLING:
         radius = block.roll_radius
         return resting_height(state.x, 0.0, radius, radius, site.profile, 0)
@@ -312,7 +312,7 @@ def _rotate(state: Record, c: float, s: float) -> None:
 
 @inlined
 def _kinetic(state: Record, block: Block) -> float:
-    """Return kinetic energy per unit mass (J/kg)."""
+    """Return the kinetic energy per unit mass (J/kg)."""
     twice = block.inertia * state.omega * state.omega
     if state.phase == FLIGHT:
         twice += state.vx * state.vx + state.vz * state.vz
@@ -497,7 +497,7 @@ def _bent(angle: float, kappa_s: float) -> float:
 
 @inlined
 def _angle_to(state: Record, gu: float, gv: float, cell_size: float) -> float:
-    """Return angle from heading to descent as the block sees it, to the right.
+    """Return the angle from heading to descent as the block sees it, to the right.
 
     0 on level ground (rad).
     """

@@ -35,7 +35,7 @@ def energy_kept(x: float, y: float, inertia: float, vx: float, vy: float, omega:
 def turn_about_contact(
     x: float, y: float, inertia: float, vx: float, vy: float, omega: float
 ) -> tuple[float, float, float]:
-    """Return spin and velocity after an impact that keeps the angular momentum about P.
+    """Return the spin and velocity after an impact that keeps the angular momentum about P.
 
     Equations (3) to (5). Returns (v_x, v_y, ω).
     """
@@ -71,7 +71,7 @@ def slip_at_contact(
 
 @lean
 def restitution_at(e: float, halved_at: float, approach: float) -> float:
-    """Return coefficient of restitution at a normal speed of the contact: e/(1 + (v_n/v)²).
+    """Return the coefficient of restitution at a normal speed of the contact: e/(1 + (v_n/v)²).
 
     Pfeiffer and Bowen (1989), as coded in PlatRock (Common/BounceModels.py) with v = 9.144 m/s.
     """
@@ -89,7 +89,7 @@ def rebound_at_contact(
     mu: float,
     e: float,
 ) -> tuple[float, float, float]:
-    """Return impact with dry friction μ and Stronge's energetic coefficient of restitution e.
+    """Return the impact with dry friction μ and Stronge's energetic coefficient of restitution e.
 
     The normal impulse p grows from 0; slip s and approach c at P change in proportion to it. P
     slips until s = 0 (at p_s), then sticks, or slips back where friction cannot hold it. The
@@ -275,7 +275,7 @@ def normal_force(
     sin_slope: float,
     gravity: float,
 ) -> float:
-    """Return normal force per unit mass on an ellipse that turns about P without slip (m/s²).
+    """Return the normal force per unit mass on an ellipse that turns about P without slip (m/s²).
 
     From the Lagrangian of the rolling ellipse: with K = ω²(I + x² + y²)/2 and gravity along both
     axes, ω' follows, and with it the acceleration of the centre along the normal.

@@ -48,7 +48,7 @@ class Velocity(NamedTuple):
 
 @lean
 def _kinetic(block: Block, vx: float, vz: float, omega: float) -> float:
-    """Return kinetic energy (J/kg)."""
+    """Return the kinetic energy (J/kg)."""
     return 0.5 * (vx * vx + vz * vz + block.inertia * omega * omega)
 
 
@@ -261,7 +261,7 @@ def _recedes(state: Record, block: Block, site: Site, gravity: float) -> bool:
 
 @inlined
 def _radius_met(state: Record, block: Block) -> float:
-    """Return radius of the circle as which a block meets the ground (m), 0 for its ellipse."""
+    """Return the radius of the circle as which a block meets the ground (m), 0 for its ellipse."""
     if state.as_circle:
         return float(block.roll_radius)
     return float(block.b) if state.by_core else 0.0

@@ -164,7 +164,7 @@ def segment_at(profile: Records, x: float, near: int) -> int:
 
 @inlined
 def angle_of(profile: Records, j: int) -> float:
-    """Return angle of segment j to the horizontal, positive if it rises (rad)."""
+    """Return the angle of segment j to the horizontal, positive if it rises (rad)."""
     here = profile[j]
     if math.isnan(here.angle):
         after = profile[j + 1]
@@ -174,14 +174,14 @@ def angle_of(profile: Records, j: int) -> float:
 
 @lean
 def along(profile: Records, j: int, x: float, z: float) -> float:
-    """Return distance of a point along segment j from its start (m)."""
+    """Return the distance of a point along segment j from its start (m)."""
     row = profile[j]
     return float((x - row.x) * row.tx + (z - row.z) * row.tz)
 
 
 @lean
 def turn(profile: Records, j: int, direction: int) -> float:
-    """Return sine of the turn from segment j to the next in a direction; above 0: convex."""
+    """Return the sine of the turn from segment j to the next in a direction; above 0: convex."""
     here = profile[j]
     after = profile[j + direction]
     cross = here.tx * after.tz - here.tz * after.tx
@@ -238,7 +238,7 @@ def to_cell_border(stretches: Records, i: int, x: float, direction: int) -> tupl
 
 @lean
 def last_stretch(profile: Records, stretches: Records, reason: int, x: float, start: float) -> int:
-    """Return stretch in which a block ends; -1 outside."""
+    """Return the stretch in which a block ends; -1 outside."""
     if x < profile[0].x or x > profile[last_of(profile)].x:
         return -1
     # The last stretch that starts at or before x.

@@ -32,7 +32,7 @@ def gained(pull: float, fade: float, path: float) -> float:
 
 @lean
 def path_to(pull: float, fade: float, change: float) -> float:
-    """Return path over which v² changes by some amount of the sign of ``pull`` (m).
+    """Return the path over which v² changes by some amount of the sign of ``pull`` (m).
 
     Infinite if never.
     """
@@ -46,7 +46,7 @@ def path_to(pull: float, fade: float, change: float) -> float:
 
 @lean
 def share_gained(share: float, fading: float) -> float:
-    """Return share of the change of v² after a share of a path.
+    """Return the share of the change of v² after a share of a path.
 
     ``fading`` is 2 κ times all of it.
     """
@@ -57,7 +57,7 @@ def share_gained(share: float, fading: float) -> float:
 
 @lean
 def time_over(steady: float, fade: float, before: float, after: float, path: float) -> float:
-    """Return time for a path (s) along which the speed goes from one to another (m/s).
+    """Return the time for a path (s) along which the speed goes from one to another (m/s).
 
     From dv/dt = p − κ v²; ``steady`` is p (m/s²).
     """

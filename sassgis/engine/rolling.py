@@ -73,7 +73,7 @@ def lift_off_speed(block: Block, gravity: float, cos_slope: float) -> float:
 
 @lean
 def _force_before_upright(block: Block, way: Way, angle: float) -> tuple[float, float]:
-    """Compute normal force per unit mass (m/s²) and its rate ``angle`` before the upright.
+    """Compute the normal force per unit mass (m/s²) and its rate ``angle`` before the upright.
 
     Its kinetic energy is that of steady rolling at the mean radius, less what has lifted its centre
     above that; the force is impact.normal_force.
@@ -206,7 +206,7 @@ def rolling_stretch(
     as_ellipse: bool,
     end_sliding: bool,
 ) -> tuple[float, int, float]:
-    """Return distance that a block rolls until the segment ends, it stops, slides or lifts off.
+    """Return the distance that a block rolls until the segment ends, it stops, slides or lifts off.
 
     Parameters
     ----------

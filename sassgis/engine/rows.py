@@ -24,7 +24,7 @@ def record_type(*fields: tuple[str, Any]) -> np.dtype[np.void]:
 
 @inlined
 def last_of(rows: Records) -> int:
-    """Return position of the last vertex, or of the end of the last stretch.
+    """Return the position of the last vertex, or of the end of the last stretch.
 
     Number of crossings.
     """

@@ -255,7 +255,7 @@ def _named(
 
 
 def _hull(rows: IntArray, cols: IntArray) -> tuple[int, int, int, int] | None:
-    """Return first and last row, first and last column; None of no cell."""
+    """Return the first and last row, first and last column; None of no cell."""
     if not rows.size:
         return None
     return int(rows.min()), int(rows.max()), int(cols.min()), int(cols.max())

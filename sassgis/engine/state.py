@@ -280,7 +280,7 @@ def same_event(state: Record, physics: Physics) -> None:
 def trajectory(
     log: NDArray[np.void], gravity: float, step_s: float = 0.02
 ) -> tuple[FloatArray, FloatArray]:
-    """Return path of the centre of a block.
+    """Return the path of the centre of a block.
 
     Parameters
     ----------

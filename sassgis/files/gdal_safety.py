@@ -180,7 +180,7 @@ def with_composed(frame: Any) -> Any:
 
 
 def _encoding(file: Path, layer: str, taken: str) -> str | None:
-    """Return encoding of the texts of a shapefile; None for the one that it states.
+    """Return the encoding of the texts of a shapefile; None for the one that it states.
 
     Without a .cpg GDAL takes them for ISO-8859-1, as if that were stated. No other text than ASCII
     is UTF-8 by chance. ``taken`` is what GDAL leaves to its caller: UTF-8 where it knows what is

@@ -75,7 +75,7 @@ def in_memory(given: InMemory, kind: str, field: str | None, expected: str) -> A
 
 
 def read_text(file: Input, field: str | None, what: str, largest: int = _LARGEST_TABLE) -> str:
-    """Return text of a UTF-8 file; InputError if it is missing, too large or not text."""
+    """Return the text of a UTF-8 file; InputError if it is missing, too large or not text."""
     wrong = partial(InputError, file=file, field=field)
     if isinstance(file, InMemory):
         return str(in_memory(file, "table", field, what))

@@ -144,7 +144,7 @@ def _arrays(path: Path, wanted: Callable[[str], bool] = _every) -> dict[str, NDA
 
 
 def _seal(path: Path) -> _Seal:
-    """Return fingerprint and digest of a file.
+    """Return the fingerprint and digest of a file.
 
     ValueError or OSError if it is not as it was saved.
     """

@@ -79,7 +79,7 @@ RUNG_NAMES: Mapping[str, str] = {
 
 
 def effect_name(effect: str) -> Phrase:
-    """Return name of a cause, of two joined by "+", or of a group."""
+    """Return the name of a cause, of two joined by "+", or of a group."""
     if effect in GROUPS:
         return phrase("the group “{}”", phrase(effect))
     return all_of(EFFECT_NAMES.get(e, e.replace("_", " ")) for e in effect.split("+"))
@@ -91,7 +91,7 @@ def effect_key(effect: str) -> Phrase:
 
 
 def rung_name(rung: str) -> Phrase:
-    """Return name of a model of the ladder."""
+    """Return the name of a model of the ladder."""
     return phrase(RUNG_NAMES.get(rung) or effect_name(rung))
 
 
@@ -128,7 +128,7 @@ def range_text(low: float, high: float) -> Phrase:
 
 
 def quantity_name(quantity: str) -> Phrase:
-    """Return name of a quantity, without its unit: "passing height" for ``height_m``."""
+    """Return the name of a quantity, without its unit: "passing height" for ``height_m``."""
     if quantity.startswith("stop "):
         name = quantity_name(quantity.removeprefix("stop "))
         return phrase("{} of stops", name) if name.startswith("lateral") else name

@@ -182,7 +182,7 @@ def zone_facts(
     lowered: FloatArray,
     edit: IntArray,
 ) -> ZoneFacts:
-    """Return attribution and confidence of zones of hazard level.
+    """Return the attribution and confidence of zones of hazard level.
 
     Of the cells of the curves, ``unsure`` are those whose level is, and ``lowered`` is the
     probability that another sample lowers it. What an edit has set no sample of blocks changes.
@@ -318,7 +318,7 @@ def assess(
 
 
 def risk_of(rules: Rules, sampled: Sequence[Sampled], energies: np.ndarray) -> RiskTable | None:
-    """Return risk of the exposed objects; None if there are none."""
+    """Return the risk of the exposed objects; None if there are none."""
     if rules.vulnerability is None:
         return None
     sources, counts = [s.source for s in sampled], [s.objects for s in sampled]

@@ -13,7 +13,7 @@ from sassgis.settings.hazard_rules import Source, SourceCounts
 
 
 def zone_of_cells(coverage: Coverage, grid: Grid, cells: IntArray) -> IntArray:
-    """Return zone that holds the centre of each cell: its position in the coverage.
+    """Return the zone that holds the centre of each cell: its position in the coverage.
 
     -1 outside all zones.
 
@@ -44,7 +44,7 @@ def attribution(
     column_of_cell: IntArray,
     n_zones: int,
 ) -> FloatArray:
-    """Return share of each source in the rate that makes each zone.
+    """Return the share of each source in the rate that makes each zone.
 
     Parameters
     ----------

@@ -35,7 +35,7 @@ def source_rate(source: Source, counts: SourceCounts) -> FloatArray:
 
 
 def source_variance(source: Source, counts: SourceCounts) -> FloatArray:
-    """Return sampling variance of ``source_rate`` (1/year²), by ``map_sums.count_variance``.
+    """Return the sampling variance of ``source_rate`` (1/year²), by ``map_sums.count_variance``.
 
     NaN where blocks were counted but the sample does not give it (one block per line, one random
     line); 0 where none was, as in the places that the source does not reach at all.

@@ -73,7 +73,7 @@ def _at_edges(own: Distribution) -> SourceCounts:
 
 
 def _variance(source: Source, counts: SourceCounts) -> FloatArray:
-    """Return variance of the rates of a source at a line.
+    """Return the variance of the rates of a source at a line.
 
     Of given points at most, as of single blocks.
     """
@@ -142,7 +142,7 @@ def net_class(energy_kj: float) -> str:
 
 
 def sphere_diameter_m(mass_kg: float, density_kgm3: float) -> float:
-    """Return diameter of a sphere of a mass (m)."""
+    """Return the diameter of a sphere of a mass (m)."""
     return float(np.cbrt(6.0 * mass_kg / (np.pi * density_kgm3)))
 
 

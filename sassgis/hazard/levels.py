@@ -71,7 +71,7 @@ def hazard_level(curves: HazardCurves, preset: HazardPreset) -> NDArray[np.int16
 
 
 def deciding_energy(curves: HazardCurves, preset: HazardPreset) -> IntArray:
-    """Return threshold of energy that gave each place its level.
+    """Return the threshold of energy that gave each place its level.
 
     A column of ``curves.energies_kj``.
 

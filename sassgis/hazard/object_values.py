@@ -30,7 +30,7 @@ class ObjectEstimate:
     high: FloatArray
 
     def of(self, number: int) -> tuple[float, float, float]:
-        """Return value and limits of one object."""
+        """Return the value and limits of one object."""
         return float(self.value[number]), float(self.low[number]), float(self.high[number])
 
     def columns(self, name: str) -> dict[str, FloatArray]:

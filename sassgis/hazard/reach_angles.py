@@ -65,7 +65,7 @@ def _places(grid: Grid, x: FloatArray, y: FloatArray) -> FloatArray:
 
 
 def _angle_deg(upper: FloatArray, lower: FloatArray) -> FloatArray:
-    """Return angle below the horizontal of the line between places.
+    """Return the angle below the horizontal of the line between places.
 
     NaN if they are one, or it rises.
     """

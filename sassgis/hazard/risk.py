@@ -74,7 +74,7 @@ class RiskTable:
         return _sums(self.values[quantity].T)
 
     def standard_error(self, quantity: str) -> FloatArray:
-        """Return upper bound of the standard error of :meth:`of_object`.
+        """Return the upper bound of the standard error of :meth:`of_object`.
 
         Samples are independent.
         """
@@ -196,7 +196,7 @@ def class_hits(rate: FloatArray) -> FloatArray:
 def weighted_variance(
     cost: FloatArray, rate: FloatArray, variance: FloatArray, source: Source
 ) -> FloatArray:
-    """Return upper bound of the sampling variance of Σ_i h_i c_i for one source.
+    """Return the upper bound of the sampling variance of Σ_i h_i c_i for one source.
 
     The classes' counts are nested (a block of a strong class is among those of the weak ones), so
     that their errors hang together, while the sample keeps the squares of each count only and not
@@ -401,7 +401,7 @@ def _who(thing: ExposedObject) -> dict[str, object]:
 
 
 def _share(part: float, whole: float) -> float:
-    """Return part over whole; NaN where there is no whole."""
+    """Return the part over whole; NaN where there is no whole."""
     return float(part / whole) if whole else math.nan
 
 

@@ -183,7 +183,7 @@ def _chance_of_rate(
     beta: float,
     limit: float,
 ) -> FloatArray:
-    """Return probability that another sample gives at least a rate ``limit``."""
+    """Return the probability that another sample gives at least a rate ``limit``."""
     out = ((rate > 0.0) & (rate >= limit * (1.0 - 1e-12))).astype(np.float64)
     out[np.isnan(weight)] = 0.5
     some = np.flatnonzero((weight > 1e-12 * limit) & (rate > 0.0))
@@ -299,7 +299,7 @@ def _of_first(beta: float) -> FloatArray:
 def _chance_of_first(
     some: BoolArray, several: BoolArray, asked: BoolArray, beta: float
 ) -> FloatArray:
-    """Return chance that another sample is the first to come to each cell that is asked for."""
+    """Return the chance that another sample is the first to come to each cell that is asked for."""
     out = np.zeros(some.shape)
     single = some & ~several
     if not (single.any() and several.any() and asked.any()):

@@ -57,7 +57,7 @@ class Messages:
         return None
 
     def _dotted(self, loc: Place) -> str:
-        """Return key as the user would look for it: ``blocks[large].axis_1_m``."""
+        """Return the key as the user would look for it: ``blocks[large].axis_1_m``."""
         head, rest = str(loc[0]), list(loc[1:])
         text = head
         if head in self.lists and rest and isinstance(rest[0], int):

@@ -455,7 +455,7 @@ PHYSICS_SECTIONS = (
 
 
 def settings_hash(config: Config, *, sections: Iterable[str] = PHYSICS_SECTIONS) -> str:
-    """Return fingerprint of a run.
+    """Return the fingerprint of a run.
 
     Equal if and only if the settings and the files they name are equal.
 

@@ -230,7 +230,7 @@ def _opaque_bands(dataset: Any) -> list[int]:
 
 
 def only_band(dataset: Any, file: Input, field: str, wanted: str) -> int:
-    """Return number of the one band of a raster on the map.
+    """Return the number of the one band of a raster on the map.
 
     A transparency band next to it does no harm.
 
@@ -476,7 +476,7 @@ def affine_of(grid: Grid) -> Affine:
 
 
 def system_of(grid: Grid, own: pyproj.CRS, file: Input, field: str) -> pyproj.CRS:
-    """Return system of the DEM; InputError if it has none, while a file has its ``own``."""
+    """Return the system of the DEM; InputError if it has none, while a file has its ``own``."""
     if not grid.crs:
         raise InputError(
             "has a coordinate system, yet the DEM is in local coordinates", file=file, field=field,

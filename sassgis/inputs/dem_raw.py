@@ -118,7 +118,7 @@ def _heights(dataset: Any, band: int, file: Path, factor: float) -> tuple[FloatA
 
 
 def _cell_sizes(dataset: Any, wkt: str) -> tuple[float, float, float, float, bool]:
-    """Return width and height of a cell in metres and in the coordinates of the file.
+    """Return the width and height of a cell in metres and in the coordinates of the file.
 
     Whether known.
     """

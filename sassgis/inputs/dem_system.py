@@ -184,7 +184,7 @@ def _check_place(plane: pyproj.CRS, file: Input, x: float, y: float, extent: str
 
 
 def _area_of_use(crs: pyproj.CRS) -> Any:
-    """Return area of use; files do not carry it, but their codes lead to it."""
+    """Return the area of use; files do not carry it, but their codes lead to it."""
     code = crs.to_epsg()
     return crs.area_of_use or (None if code is None else pyproj.CRS.from_epsg(code).area_of_use)
 

@@ -175,7 +175,7 @@ def ground_raster(
 
 
 def default_class(ground: GroundSettings, table: GroundTable) -> int:
-    """Return position of the default class; InputError if the table does not hold it."""
+    """Return the position of the default class; InputError if the table does not hold it."""
     place = ground.config_file, "ground.default"
     return _class_index(ground.default, table, "default class", *place)
 

@@ -157,7 +157,7 @@ def _stated_scale(attributes: Mapping[str, Any], name: str) -> tuple[float, floa
 
 
 def _even_step(centres: np.ndarray, axis: object, name: str) -> float:
-    """Return distance between neighbouring centres of cells."""
+    """Return the distance between neighbouring centres of cells."""
     steps = np.diff(centres)
     if steps.size == 0 or not np.all(np.abs(steps - steps.mean()) <= _UNEVEN * abs(steps.mean())):
         raise InputError(

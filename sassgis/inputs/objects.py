@@ -250,7 +250,7 @@ def _chainage_names(name: str, spans: Sequence[tuple[float, float]]) -> list[str
 
 
 def chainage(metres: float, digits: int = 0) -> str:
-    """Return chainage as on a road: kilometres, +, metres."""
+    """Return the chainage as on a road: kilometres, +, metres."""
     km, rest = divmod(round(metres, digits), 1000.0)
     width = 3 if digits == 0 else 4 + digits
     return f"{int(km)}+{rest:0{width}.{digits}f}"

@@ -55,11 +55,11 @@ class Feature:
     name_field: str | None = None  # attribute with the names of the features
 
     def text(self, field: str) -> str | None:
-        """Return attribute as text; None where it is empty, or where the layer has none."""
+        """Return the attribute as text; None where it is empty, or where the layer has none."""
         return text_of(self.attributes.get(field))
 
     def value(self, field: str) -> float:
-        """Return attribute as a finite number; InputError otherwise."""
+        """Return the attribute as a finite number; InputError otherwise."""
         assert self.file is not None
         return number(self.attributes[field], self.label, field, self.file)
 
@@ -419,7 +419,7 @@ def share_known(feature: Feature, grid: Grid) -> float:
 
 
 def _share(part: Any, whole: Any) -> float:
-    """Return share of a part in the area, the length or the number of points of a geometry."""
+    """Return the share of a part in the area, the length or the number of points of a geometry."""
     sizes = (shapely.get_num_coordinates, shapely.length, shapely.area)
     size = sizes[shapely.get_dimensions(whole)]
     return float(size(part) / size(whole))

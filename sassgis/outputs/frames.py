@@ -134,7 +134,7 @@ def _columns(rows: NDArray[np.void], scenario: NDArray[np.str_] | None = None) -
 
 
 def _areas(line: IntArray, planned: Plan) -> NDArray[np.object_]:
-    """Return name of the release area of each line."""
+    """Return the name of the release area of each line."""
     return np.array(planned.points.area_names, dtype=object)[planned.points.area[line]]
 
 

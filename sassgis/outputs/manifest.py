@@ -146,7 +146,7 @@ def plain(value: object, digits: int | None = None) -> Any:
 
 
 def _input_entries(given: Input, base: Path) -> list[dict[str, object]]:
-    """Return name and digest of an input, and of what belongs to it."""
+    """Return the name and digest of an input, and of what belongs to it."""
     if isinstance(given, InMemory):
         return [{"path": given.name, "size": None, "sha256": given.digest}]
     return [_described(file, seen_from(base, file)) for file in files_of(given)]

@@ -98,7 +98,7 @@ def _check_classes(layer: RasterLayer) -> None:
 
 
 def _number_type(layer: RasterLayer) -> tuple[str, float]:
-    """Return type of the numbers in the file, and its nodata."""
+    """Return the type of the numbers in the file, and its nodata."""
     if not layer.classes:
         return "float32", NODATA
     held = [np.array([0, *(entry.value for entry in layer.classes)], float)]

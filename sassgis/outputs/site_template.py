@@ -155,7 +155,7 @@ def write_rockyfor3d_site(
 
 
 def sample_folder() -> Path:
-    """Return folder of the samples: in the installed package, or next to it in a source tree.
+    """Return the folder of the samples: in the installed package, or next to it in a source tree.
 
     Raises
     ------

@@ -34,7 +34,7 @@ class ReportFigure:
 
 
 def heads(columns: str) -> tuple[tuple[str, str], ...]:
-    """Return name and unit of the columns of a table, from "station; speed | m/s"."""
+    """Return the name and unit of the columns of a table, from "station; speed | m/s"."""
     parts = (column.partition("|") for column in columns.split(";"))
     return tuple((name.strip(), unit.strip()) for name, _, unit in parts)
 

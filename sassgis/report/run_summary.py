@@ -93,7 +93,7 @@ def object_lines(exposed: ReportTable) -> Lines:
 def zone_lines(
     levels: ReportTable, found: Assessment, edge: str, confidence: float, currency: str
 ) -> Lines:
-    """Return area of the zones by level, how sure they are, and the risk of all objects.
+    """Return the area of the zones by level, how sure they are, and the risk of all objects.
 
     ``edge`` is what is said of blocks that left the terrain model.
     """

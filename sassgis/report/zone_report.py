@@ -48,7 +48,7 @@ def telling_place(hazard: Hazard) -> int | None:
 
 
 def curves_at(hazard: Hazard, place: int) -> dict[str, FloatArray]:
-    """Return rate of each source at one place, by its label."""
+    """Return the rate of each source at one place, by its label."""
     out = {}
     cell = hazard.curves.places[place]
     for sampled in hazard.sampled:

@@ -29,7 +29,7 @@ def parse_crs(text: str, *, file: object = None, field: str = "") -> pyproj.CRS:
 
 
 def crs_name(wkt: str) -> str:
-    """Return name of a coordinate system for people, with its code where it has one."""
+    """Return the name of a coordinate system for people, with its code where it has one."""
     if not wkt:
         return "local coordinates"
     crs = pyproj.CRS.from_wkt(wkt)
@@ -38,7 +38,7 @@ def crs_name(wkt: str) -> str:
 
 
 def crs_parts(crs: pyproj.CRS) -> tuple[pyproj.CRS, pyproj.CRS | None]:
-    """Return horizontal and vertical part of a coordinate system."""
+    """Return the horizontal and vertical part of a coordinate system."""
     if crs.is_compound:
         return crs.sub_crs_list[0], crs.sub_crs_list[1]
     return crs, None
@@ -56,7 +56,7 @@ def same_crs(one: pyproj.CRS, other: pyproj.CRS) -> bool:
 
 
 def _fingerprint(crs: pyproj.CRS) -> tuple[object, ...]:
-    """Return projection with its numbers, and the datum."""
+    """Return the projection with its numbers, and the datum."""
     base = crs.source_crs if crs.is_bound and crs.source_crs is not None else crs
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", UserWarning)  # what PROJ strings lose, the datum adds

@@ -124,7 +124,7 @@ class GroundTable:
         return tuple(c.name for c in self.classes)
 
     def index(self, name: str) -> int:
-        """Return position of a class; InputError if there is none of that name."""
+        """Return the position of a class; InputError if there is none of that name."""
         try:
             return self.names.index(name)
         except ValueError:

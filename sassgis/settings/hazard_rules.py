@@ -148,7 +148,7 @@ class HazardCurves:
         )
 
     def column(self, energy_kj: float) -> int:
-        """Return position of an energy among ``energies_kj``.
+        """Return the position of an energy among ``energies_kj``.
 
         Raises
         ------

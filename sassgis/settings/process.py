@@ -48,7 +48,7 @@ def require_memory(need: Mapping[str, int], file: object = None, most: int | Non
 
 
 def memory_bytes(root: Path = Path("/")) -> int | None:
-    """Return memory that this process has and may still take (bytes).
+    """Return the memory that this process has and may still take (bytes).
 
     None where it cannot be known.
 

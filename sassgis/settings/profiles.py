@@ -90,7 +90,7 @@ class ProfileSet:
         return int(self.offset.size - 1)
 
     def vertices(self, i: int) -> tuple[FloatArray, FloatArray]:
-        """Return chainage and height of the vertices of profile ``i`` (m)."""
+        """Return the chainage and height of the vertices of profile ``i`` (m)."""
         own = slice(int(self.offset[i]), int(self.offset[i + 1]))
         return self.s[own], self.z[own]
 

@@ -128,7 +128,7 @@ class Statistic:
 
 
 def probability_of(band: str) -> float | None:
-    """Return probability of a quantile's band, as 0.95 for "q95"; None for any other band."""
+    """Return the probability of a quantile's band, as 0.95 for "q95"; None for any other band."""
     return int(band[1:]) / 100 if band[0] == "q" and band[1:].isdigit() else None
 
 

@@ -112,7 +112,7 @@ class VectorStyle:
 
 
 def class_limits(breaks: Sequence[float]) -> list[tuple[float, float]]:
-    """Return lower and upper limits of the classes that ascending ``breaks`` make.
+    """Return the lower and upper limits of the classes that ascending ``breaks`` make.
 
     The limits belong to the class above: lower <= value < upper. The first class is open below,
     the last above. A first break of zero opens no class below itself, as nothing that is mapped

@@ -96,7 +96,7 @@ class BlockPath:
 
 
 def _number(result: ProfileResult, control_line: str) -> int:
-    """Return position of a station or barrier, by its name."""
+    """Return the position of a station or barrier, by its name."""
     return [line.name for line, _ in result.profile.control_lines].index(control_line)
 
 
@@ -109,7 +109,7 @@ def _passages(result: ProfileResult, control_line: str, quantity: str) -> NDArra
 def passage_histogram(
     result: ProfileResult, control_line: str, quantity: str, edges: Sequence[float], unit: str
 ) -> Histogram:
-    """Return histogram of one quantity of the passages at a station or barrier, by its name."""
+    """Return the histogram of one quantity of the passages at a station or barrier, by its name."""
     values = _passages(result, control_line, quantity)
     counts, _ = np.histogram(np.clip(values, edges[0], edges[-1]), edges)
     return Histogram(np.asarray(edges, float), counts.astype(np.int64), unit)

@@ -14,7 +14,7 @@ from sassgis.grid import FloatArray, IntArray
 def count_variance(
     count: IntArray, square: IntArray, rocks_per_line: int, strata: int, random_points: bool
 ) -> FloatArray:
-    """Return sampling variance of the number of blocks that reach a place.
+    """Return the sampling variance of the number of blocks that reach a place.
 
     With k_l of the n blocks of line l in the place and K = Σ k_l: release points on a lattice are
     fixed, so only the blocks of each line are a sample (stratified sampling; Cochran 1977, section

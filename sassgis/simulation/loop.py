@@ -316,7 +316,7 @@ _POINTS = 40
 
 
 def sampled_plan(run: MapRun, planned: Plan, blocks: int, points: int) -> tuple[MapRun, Plan]:
-    """Return part of a run: release points evenly over the plan, and the first blocks of each.
+    """Return the part of a run: release points evenly over the plan, and the first blocks of each.
 
     About so many blocks of at least so many release points, if there are.
     """

@@ -233,7 +233,7 @@ def answers(
 def _measures(
     base: VariantFinding, own: VariantFinding, names: Names, cell_m2: float
 ) -> dict[str, tuple[str, float]]:
-    """Return unit and value of each measure."""
+    """Return the unit and value of each measure."""
     middle, far, farther = own.runout_m(0.5, 0.9, 0.95)
     out = {
         MEDIAN: ("m", middle),

@@ -31,7 +31,7 @@ def exact_positions(positions: FloatArray) -> FloatArray:
 
 @kernel
 def next_line(position: float, target: float) -> float:
-    """Return first whole number strictly ahead of ``position`` towards ``target``."""
+    """Return the first whole number strictly ahead of ``position`` towards ``target``."""
     if target > position:
         return float(np.floor(position)) + 1.0
     return float(np.ceil(position)) - 1.0
@@ -58,7 +58,7 @@ def _known(heights: FloatArray, row: int, col: int) -> bool:
 
 @lean
 def height_at(heights: FloatArray, u: float, v: float, row: int, col: int) -> float:
-    """Return height at (u, v), bilinear between the centres of the four cells around.
+    """Return the height at (u, v), bilinear between the centres of the four cells around.
 
     The point belongs to cell (row, col) or to its border. A missing neighbour is replaced by the
     height that continues the slope across the cell, so that planes stay planes up to the edge.

@@ -51,7 +51,7 @@ def grown(values: NDArray[Scalar], size: int) -> NDArray[Scalar]:
 
 @lean
 def next_share(start: float, target: float, line: float) -> float:
-    """Return share of the distance from start to target at which ``line`` is met.
+    """Return the share of the distance from start to target at which ``line`` is met.
 
     2 if it is not.
     """

@@ -132,7 +132,7 @@ def inner_holes(values: FloatArray) -> BoolArray:
 
 
 def depression_depth(values: FloatArray) -> FloatArray:
-    """Return depth of each cell under the level at which its depression would overflow (m).
+    """Return the depth of each cell under the level at which its depression would overflow (m).
 
     Depressions are filled from the rim of the terrain inwards by priority flood (Barnes, Lehman
     and Mulla, 2014, Computers & Geosciences 62, 117-127; not checked against the source). Nodata

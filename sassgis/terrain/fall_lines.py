@@ -295,7 +295,7 @@ def _coasting_step(limit: float, rate: float, turn: float, bend: float) -> float
 
 @lean
 def _length(a: float, b: float) -> float:
-    """Return length of a vector.
+    """Return the length of a vector.
 
     Several times faster than hypot, as it has no guard against overflow.
     """
@@ -313,7 +313,7 @@ def _downhill(gu: float, gv: float) -> tuple[float, float]:
 
 @lean
 def _along(gu: float, gv: float, hu: float, hv: float) -> float:
-    """Return cosine of the angle between descent and heading; -1 on level ground."""
+    """Return the cosine of the angle between descent and heading; -1 on level ground."""
     au, av = _downhill(gu, gv)
     if au == 0.0 and av == 0.0:
         return -1.0
@@ -322,7 +322,7 @@ def _along(gu: float, gv: float, hu: float, hv: float) -> float:
 
 @lean
 def _angle(gu: float, gv: float, hu: float, hv: float) -> float:
-    """Return angle from the heading to the descent (rad); 0 on level ground."""
+    """Return the angle from the heading to the descent (rad); 0 on level ground."""
     au, av = _downhill(gu, gv)
     if au == 0.0 and av == 0.0:
         return 0.0
@@ -344,7 +344,7 @@ def _bend(gu: float, gv: float, huu: float, huv: float, hvv: float, slope: float
 def _turn_rate(
     gu: float, gv: float, hu: float, hv: float, slope: float, flat: float, turning: float
 ) -> float:
-    """Return rate at which a coasting heading turns towards the descent (per cell)."""
+    """Return the rate at which a coasting heading turns towards the descent (per cell)."""
     cosine = min(1.0, max(0.0, _along(gu, gv, hu, hv) / _ALIGNED))
     agreement = cosine * cosine * (3.0 - 2.0 * cosine)
     steepness = slope / flat if flat > 0.0 else 1.0

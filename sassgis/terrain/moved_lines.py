@@ -48,7 +48,7 @@ def moved_lines(
 
 
 def mean_height_m(grid: Grid, trace: FloatArray) -> float:
-    """Return mean height of the ground below a line (m); NaN where it leaves the terrain."""
+    """Return the mean height of the ground below a line (m); NaN where it leaves the terrain."""
     return float(grid.value_at(*_points(grid, trace).T).mean())
 
 

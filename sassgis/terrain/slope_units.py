@@ -62,7 +62,7 @@ class SlopeUnit:
     share: float  # of the surface of the terrain
 
     def density(self, slope_deg: FloatArray) -> FloatArray:
-        """Return share of the surface per degree."""
+        """Return the share of the surface per degree."""
         t = (slope_deg - self.mean_deg) / self.sd_deg
         dense: FloatArray = self.share / (self.sd_deg * np.sqrt(2.0 * np.pi)) * np.exp(-0.5 * t * t)
         return dense
@@ -93,7 +93,7 @@ def slopes_deg(values: FloatArray, dx_m: float, dy_m: float) -> FloatArray:
 
 
 def wall_share(slopes: FloatArray) -> float:
-    """Return share of the cells that are steeper than WALL_DEG.
+    """Return the share of the cells that are steeper than WALL_DEG.
 
     More than WALL_SHARE is no terrain: heights or cells are in another unit. The limits are expert
     judgement of ours.

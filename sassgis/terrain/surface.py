@@ -169,7 +169,7 @@ def _filled(residual: FloatArray, valid: BoolArray) -> FloatArray:
 
 
 def _one_sided_slope(known: FloatArray, axis: int) -> FloatArray:
-    """Return mean of the forward and backward differences that exist; 0 where neither does."""
+    """Return the mean of the forward and backward differences that exist; 0 where neither does."""
     steps = np.diff(known, axis=axis)
     backward, forward = (np.insert(steps, k, np.nan, axis) for k in (0, steps.shape[axis]))
     count = np.isfinite(backward).astype(np.float64) + np.isfinite(forward)
@@ -187,7 +187,7 @@ def _pad_odd(values: FloatArray, axis: int) -> FloatArray:
 
 
 def _step(plane: FloatArray, axis: int) -> float:
-    """Return rise of a plane from one row or column to the next."""
+    """Return the rise of a plane from one row or column to the next."""
     return float(np.diff(plane[:2, :2], axis=axis)[0, 0]) if plane.shape[axis] > 1 else 0.0
 
 
@@ -280,7 +280,7 @@ def standing(valid: BoolArray, u: float, v: float) -> int:
 
 @lean
 def slope_at(coefficients: FloatArray, u: float, v: float) -> tuple[float, float]:
-    """Return gradient of the spline in metres per cell, along u and v."""
+    """Return the gradient of the spline in metres per cell, along u and v."""
     _, gu, gv, _, _, _ = shape_at(coefficients, u, v)
     return gu, gv
 

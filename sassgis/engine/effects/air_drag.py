@@ -94,7 +94,7 @@ def resistance(drag: Drag, a: float, b: float, c: float, mass: float) -> float:
 
 @lean
 def slowed(factor: float, vx: float, vz: float, time: float) -> tuple[float, float]:
-    """Return velocity after only drag has acted for a time: v / (1 + K v t), exact."""
+    """Return the velocity after only drag has acted for a time: v / (1 + K v t), exact."""
     size = math.sqrt(vx * vx + vz * vz)
     over = 1.0 / (1.0 + factor * size * time)
     return vx * over, vz * over

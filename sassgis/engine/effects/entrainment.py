@@ -100,7 +100,7 @@ def speed_of_each(loose: LooseBlocks, n: int, lost: float, mass: float) -> float
 
 @lean
 def angle_of(key: np.uint64, number: int, i: int) -> float:
-    """Return angle above the ground at which block i leaves (rad), up to 45 degrees."""
+    """Return the angle above the ground at which block i leaves (rad), up to 45 degrees."""
     return _STEEPEST * rng.uniform(key, rng.ENTRAINED_ANGLE, 64 * number + i)
 
 

@@ -57,7 +57,7 @@ def prepare(settings: RockShape | None) -> Shape:
 
 @lean
 def tumbling_inertia(a: float, b: float, c: float) -> float:
-    """Return mean of the three moments of inertia per unit mass (m²)."""
+    """Return the mean of the three moments of inertia per unit mass (m²)."""
     return 2.0 / 15.0 * (a * a + b * b + c * c)
 
 

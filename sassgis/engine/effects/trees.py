@@ -160,7 +160,7 @@ def to_next_stem(key: np.uint64, number: int) -> float:
 
 @lean
 def share_taken(offset: float) -> float:
-    """Return share of the energy of a stem that a hit takes, by its distance from the middle.
+    """Return the share of the energy of a stem that a hit takes, by its distance from the middle.
 
     Dorren and Berger (2006), with the constants as Rockyfor3D has them (not checked
     against the source).
@@ -178,7 +178,7 @@ def share_taken(offset: float) -> float:
 
 @lean
 def stem_loss(stand: Stand, key: np.uint64, number: int, diameter: float) -> float:
-    """Return energy that a stem of a diameter (m) takes (J)."""
+    """Return the energy that a stem of a diameter (m) takes (J)."""
     centimetres = 100.0 * diameter
     most = 38.7 * centimetres**2.31 * stand.efficiency
     if stand.form == STEMS:
@@ -194,7 +194,7 @@ def brakes(stand: Stand, stems: float) -> bool:
 
 @lean
 def left_by_viscous(stand: Stand, stems: float, mass: float, time: float) -> float:
-    """Return share of the speed that the viscous forest leaves after a time.
+    """Return the share of the speed that the viscous forest leaves after a time.
 
     For a negative time it is what gives the speed back; of one that is lost nothing comes back.
     """
@@ -268,7 +268,7 @@ def gain_over(
 
 @lean
 def longest_step(stand: Stand, stems: float, mass: float) -> float:
-    """Return longest time between two turns of the viscous force (s).
+    """Return the longest time between two turns of the viscous force (s).
 
     A tenth of the speed, or 5 ms.
     """
@@ -385,7 +385,7 @@ def before_stretch(
 
 @lean
 def speed_left_at_stem(stand: Stand, state: Record, key: np.uint64, energy: float) -> float:
-    """Return share of the speed that remains after the stem that a step has come to.
+    """Return the share of the speed that remains after the stem that a step has come to.
 
     Parameters
     ----------
@@ -404,5 +404,5 @@ ENERGY_EXPONENT = 2.31
 
 @cache
 def energy_ratios() -> Mapping[str, float]:
-    """Return ratio by species, from sassgis/data/tree_species.csv, which has the sources."""
+    """Return the ratio by species, from sassgis/data/tree_species.csv, which has the sources."""
     return {row["species"]: float(row["energy_ratio"]) for row in built_in_rows("tree_species")}

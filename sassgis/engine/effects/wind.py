@@ -58,7 +58,7 @@ def prepare(settings: Wind | None) -> Push:
 
 @lean
 def longest_step(push: Push, state: Record) -> float:
-    """Return longest step of a flight (s), infinite without wind.
+    """Return the longest step of a flight (s), infinite without wind.
 
     The first is half as long and begins without a push: a block that has just left the ground is
     not pushed back into it. Steps then are of second order in their length.

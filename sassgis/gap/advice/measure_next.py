@@ -392,7 +392,7 @@ def _rocks(difference: float) -> float:
 
 
 def _difference(one: FloatArray, other: FloatArray) -> float:
-    """Return mean difference of a rock in two models over its scatter.
+    """Return the mean difference of a rock in two models over its scatter.
 
     Less where few rocks show it.
 
@@ -416,6 +416,6 @@ def _difference(one: FloatArray, other: FloatArray) -> float:
 
 
 def _of_draws(means: FloatArray) -> FloatArray:
-    """Return mean of each draw over the rocks that all draws have, shape (DRAWS,)."""
+    """Return the mean of each draw over the rocks that all draws have, shape (DRAWS,)."""
     whole = np.isfinite(means).all(axis=0)
     return means[:, whole].mean(axis=1) if whole.any() else np.zeros(len(means))

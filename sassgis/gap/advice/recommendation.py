@@ -173,7 +173,7 @@ def shortfall(gaps: Sequence[ModelGap]) -> ModelGap | None:
 def settings_of(
     case: Case, fit: FittedHypothesis, intervals: Mapping[str, Range]
 ) -> tuple[GroundSetting, ...]:
-    """Return ground of a model that is handed over, with intervals."""
+    """Return the ground of a model that is handed over, with intervals."""
     before, found = {c.name: c for c in case.table.classes}, []
     for label, value in fit.handed_over.draw.parameters.items():
         ground, _, name = label.rpartition(".")

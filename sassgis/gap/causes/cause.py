@@ -131,7 +131,7 @@ MEDIAN_OF_NORMAL = 0.6745
 
 
 def usual_scatter(values: FloatArray) -> float:
-    """Return standard deviation of numbers, by only the middle half of them."""
+    """Return the standard deviation of numbers, by only the middle half of them."""
     return float(np.median(np.abs(values - float(np.median(values))))) / MEDIAN_OF_NORMAL
 
 
@@ -395,7 +395,7 @@ def wrong_on_one(residuals: ResidualTable, sign: float = 0.0) -> dict[str, Float
 
 
 def late_by_rock(gaps: FloatArray) -> FloatArray:
-    """Return mean over reaches of gaps less that of all rocks, shape (n_rocks,)."""
+    """Return the mean over reaches of gaps less that of all rocks, shape (n_rocks,)."""
     return mean_of_draws(gaps - np.nanmean(gaps, axis=0), least=1)
 
 
@@ -421,7 +421,7 @@ def station_offsets(case: Case, residuals: ResidualTable, least: int = 2) -> Flo
 
 
 def usual_offset(case: Case) -> float:
-    """Return mean size of offsets (m) that errors make, were they larger than stated."""
+    """Return the mean size of offsets (m) that errors make, were they larger than stated."""
     error = max(side_error(case), side_error(case, stop=True))
     return math.sqrt(2.0 / math.pi) * (1.0 + MISSTATED) * error
 
@@ -432,6 +432,6 @@ def base_size(draws: FloatArray) -> FloatArray:
 
 
 def known_mean(values: FloatArray) -> float:
-    """Return mean of what is known; NaN where nothing is."""
+    """Return the mean of what is known; NaN where nothing is."""
     known = values[np.isfinite(values)]
     return float(known.mean()) if known.size else math.nan

@@ -217,7 +217,7 @@ def _made_up(case: Case, residuals: ResidualTable) -> Scores:
 
 
 def _aside(case: Case, residuals: ResidualTable) -> Scores:
-    """Return offset of stops where the rock was on its fall line shortly before."""
+    """Return the offset of stops where the rock was on its fall line shortly before."""
     rows = residuals.steps.of("stop", "lateral_m")
     at = station_offsets(case, residuals, 1)
     passed = np.isfinite(at[rows.rock])

@@ -398,7 +398,7 @@ class BetweenSites:
 
 
 def between_sites(values: FloatArray, errors: FloatArray, scale: float) -> BetweenSites:
-    """Return posterior of mean and spread by quadrature.
+    """Return the posterior of mean and spread by quadrature.
 
     Parameters
     ----------

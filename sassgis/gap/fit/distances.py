@@ -63,7 +63,7 @@ def times_drawn(unit: IntArray, rng: np.random.Generator, samples: int) -> Float
 
 
 def folds_of(group: IntArray, seed: int) -> IntArray:
-    """Return part of each rock for cross-validation, shape (n_rocks,).
+    """Return the part of each rock for cross-validation, shape (n_rocks,).
 
     Rocks of a ``group`` (block, day, source; shape (n_rocks,)) come into the same part. A single
     group is split.

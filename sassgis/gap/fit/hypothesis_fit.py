@@ -171,7 +171,7 @@ class Space:
     of_ground: BoolArray  # shape (d,); parameters that belong to a ground class
 
     def start(self, shares: Mapping[str, float]) -> FloatArray:
-        """Return standard normal parameters from shares; those without one in the middle."""
+        """Return the standard normal parameters from shares; those without one in the middle."""
         found: FloatArray = ndtri(np.array([shares.get(name, 0.5) for name in self.labels]))
         return np.clip(found, -2.0, 2.0)
 

@@ -178,7 +178,7 @@ def fitted_parameters(
 
 
 def identified_combinations(covariance: FloatArray) -> int:
-    """Return number of combinations of the parameters that the observations identify.
+    """Return the number of combinations of the parameters that the observations identify.
 
     Where two parameters can make up for each other, neither is identified by itself, yet a
     combination of both is: a direction in which the posterior, shape (d, d), is clearly narrower

@@ -389,7 +389,7 @@ def _next(normal: qmc.MultivariateNormalQMC, n: int) -> FloatArray:
 
 
 def _loss(summary: ObservedNumbers, at: FloatArray, seen: Seen) -> float:
-    """Return distance from the observed rocks, and what the prior has against the parameters.
+    """Return the distance from the observed rocks, and what the prior has against the parameters.
 
     For a small shift of a quantity the energy distance is near the loss of logarithmic likelihood
     by rock, so that the prior counts by the number of rocks, or of the groups of them. Where only

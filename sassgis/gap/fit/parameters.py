@@ -73,7 +73,7 @@ class ClassParameter:
         return np.exp(at) if log else at
 
     def share(self, value: float) -> float:
-        """Return share of the range at which a value lies; above 1 beyond it."""
+        """Return the share of the range at which a value lies; above 1 beyond it."""
         own = self.limits
         if own.scale == "log":
             return float(np.log(max(value, own.low) / own.low) / np.log(own.high / own.low))
@@ -247,7 +247,7 @@ def _misfit(
     error: MeasurementError,
     seed: int,
 ) -> float:
-    """Return mean score of the rocks that have impacts."""
+    """Return the mean score of the rocks that have impacts."""
     # The same draws for all values: what differs is no luck.
     model = HypothesisModel(table, EffectSettings(), measurement=error)
     made = simulated_outcomes(case, model, impacts, seed=seed, number=3700)

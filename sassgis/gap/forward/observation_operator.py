@@ -124,7 +124,7 @@ class _Record:
         return rows["line"] + (rows["rock"].astype(np.int64) - first) * self._n
 
     def _lateral_offset(self, owner: IntArray, moved: FloatArray, stated_m: float) -> FloatArray:
-        """Return lateral offset from the line, measured.
+        """Return the lateral offset from the line, measured.
 
         ``moved``: that of the motion itself (m).
         """
@@ -196,7 +196,7 @@ class _Record:
         )
 
     def _rest(self, rows: NDArray[np.void], owner: IntArray) -> FloatArray:
-        """Return height of the centre of a lying block above the ground.
+        """Return the height of the centre of a lying block above the ground.
 
         Heights are counted from it.
         """

@@ -232,7 +232,7 @@ def _configured_wood(case: Case, first: float, n: int) -> Forest | None:
 
 
 def _chainage_of_cells(case: Case) -> FloatArray:
-    """Return chainage of the nearest vertex of a fall line, of each cell."""
+    """Return the chainage of the nearest vertex of a fall line, of each cell."""
     if case.terrain is None:
         return np.empty(0)
     grid, traces = case.terrain.grid, case.traces
@@ -286,7 +286,7 @@ def dips_at(profiles: ProfileSet, profile: IntArray, s: FloatArray) -> FloatArra
 
 
 def heights_at_chainage(profiles: ProfileSet, profile: IntArray, s: FloatArray) -> FloatArray:
-    """Return height of profiles at chainages (m); parameters as ``dips_at``."""
+    """Return the height of profiles at chainages (m); parameters as ``dips_at``."""
     k = _segments_at(profiles, profile, s)
     share = (np.asarray(s) - profiles.s[k]) / (profiles.s[k + 1] - profiles.s[k])
     return profiles.z[k] + share * (profiles.z[k + 1] - profiles.z[k])

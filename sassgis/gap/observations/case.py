@@ -170,7 +170,7 @@ class Case:
         return np.where(vt_mps**2 + vn_mps**2 < fall, np.nan, turn_deg)
 
     def ground_at(self, rock: IntArray, s: FloatArray) -> tuple[IntArray, FloatArray]:
-        """Return ground at chainages ``s`` of the lines of rocks.
+        """Return the ground at chainages ``s`` of the lines of rocks.
 
         Returns
         -------
@@ -359,7 +359,7 @@ def _observed(
 
 
 def _radius(block: BlockPopulation) -> float:
-    """Return radius of the sphere of equal volume of a rock in the middle of its limits (m)."""
+    """Return the radius of the sphere of equal volume of a rock in the middle of its limits (m)."""
     if block.volume_m3 is not None:
         volume = 0.5 * sum(block.volume_m3)
     else:

@@ -257,7 +257,7 @@ def _ways_of(contacts: ContactRows) -> _Ways:
 
 
 def _quantile(rock: IntArray, values: FloatArray, share: float, n_rocks: int) -> FloatArray:
-    """Return quantile of the values of each rock, shape (n_rocks,); NaN where it has none."""
+    """Return the quantile of the values of each rock, shape (n_rocks,); NaN where it has none."""
     known = np.isfinite(values)
     rock, values = rock[known], values[known]
     values = values[np.lexsort((values, rock))]

@@ -162,7 +162,7 @@ class Observations:
 
 
 def parent_of(rock_id: str) -> str | None:
-    """Return rock that a fragment broke from, only by its name: R7 for R7.2.
+    """Return the rock that a fragment broke from, only by its name: R7 for R7.2.
 
     None without a suffix.
     """
@@ -171,7 +171,7 @@ def parent_of(rock_id: str) -> str | None:
 
 
 def root_of(rock_id: str, known: Iterable[str]) -> str:
-    """Return whole rock that a name goes back to: of a fragment, or a fragment of one (R7.2.1).
+    """Return the whole rock that a name goes back to: of a fragment, or a fragment of one (R7.2.1).
 
     The shortest name in use that remains when suffixes are taken off; the name itself if there is
     none. ``known``: names in use; a set makes it fast.
@@ -185,7 +185,7 @@ def root_of(rock_id: str, known: Iterable[str]) -> str:
 
 
 def rock_masses_kg(observations: Observations) -> FloatArray:
-    """Return mass of each rock of ``rock_names`` (kg): as weighed, else from its volume.
+    """Return the mass of each rock of ``rock_names`` (kg): as weighed, else from its volume.
 
     NaN unknown.
     """
@@ -389,7 +389,7 @@ def stated_or(value: float, otherwise: float) -> float:
 
 
 def tops_m(obs: Observations, grid: Grid | None, drop_m: float = 0.0) -> FloatArray:
-    """Return height from which each rock came, at most; the last one for unattributed blocks.
+    """Return the height from which each rock came, at most; the last one for unattributed blocks.
 
     Blocks are let go up to ``drop_m`` above the ground, or where their height is stated.
     """
@@ -414,7 +414,7 @@ def above_release_m(obs: Observations, grid: Grid | None) -> FloatArray:
 
 
 def heights_m(points: Table, grid: Grid | None) -> FloatArray:
-    """Return height of each point of a table as stated, else of the ground below (m).
+    """Return the height of each point of a table as stated, else of the ground below (m).
 
     NaN unknown.
     """
@@ -452,7 +452,7 @@ def station_lines(obs: Observations) -> dict[str, shapely.LineString]:
 
 
 def station_heights_m(obs: Observations, grid: Grid | None, *, lowest: bool) -> FloatArray:
-    """Return ground at the station of each passage: its lowest or middle point."""
+    """Return the ground at the station of each passage: its lowest or middle point."""
     if grid is None:
         return np.full(len(obs.passages), np.nan)
     heights = {}

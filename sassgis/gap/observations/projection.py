@@ -143,7 +143,7 @@ def project(
 def _past_the_end(
     traces: TraceSet, line: IntArray, x: FloatArray, y: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Return chainage and lateral offset of points beyond the ends of their lines (m)."""
+    """Return the chainage and lateral offset of points beyond the ends of their lines (m)."""
     last = traces.offset[line + 1] - 1
     first_s = traces.s[traces.offset[line]]
     lx, ly, ls = traces.x[last], traces.y[last], traces.s[last]

@@ -274,7 +274,7 @@ class _Path:
 
 
 def _rolling_radius(axes_m: FloatArray) -> FloatArray:
-    """Return radius of each rock on which it rolls.
+    """Return the radius of each rock on which it rolls.
 
     It stands on a circle between its longer axes (m).
     """
@@ -299,7 +299,7 @@ def _bounded(case: Case, round_m: FloatArray) -> Iterator[tuple[_Path, _Bounds, 
 
 
 def _smooth(values: FloatArray) -> FloatArray:
-    """Return mean over five points, fewer at the ends."""
+    """Return the mean over five points, fewer at the ends."""
     n = values.size
     sums = np.concatenate([[0.0], np.cumsum(values)])
     i = np.arange(n)
@@ -376,7 +376,7 @@ def _touched(t: FloatArray, z: FloatArray, error_m: float, gravity: float) -> bo
 
 
 def _runs(mask: BoolArray) -> list[tuple[int, int]]:
-    """Return first and one past the last of each run of true values."""
+    """Return the first and one past the last of each run of true values."""
     edge = np.flatnonzero(np.diff(np.concatenate([[False], mask, [False]]).astype(np.int8)))
     return list(zip(edge[::2].tolist(), edge[1::2].tolist(), strict=True))
 
@@ -434,7 +434,7 @@ def _along_ground(path: _Path, bounds: _Bounds, radius_m: float) -> list[_Stretc
 def _rolled(
     case: Case, model: RunModel, stretches: list[_Stretch], round_m: FloatArray
 ) -> list[_Piece]:
-    """Return acceleration on stretches along the ground, against that of the model's rocks.
+    """Return the acceleration on stretches along the ground, against that of the model's rocks.
 
     ``round_m``: radius at which they roll, by rock (m). Accelerations are along the chainage.
     """

@@ -49,7 +49,7 @@ _STEPS = 48
 
 @kernel
 def orientation_at_contact(a: float, b: float, phase: float, vn: float, omega: float) -> float:
-    """Return orientation in which a turning ellipse that comes down first touches the ground.
+    """Return the orientation in which a turning ellipse that comes down first touches the ground.
 
     A tumbling rock does not land in every orientation alike: its long axis strikes first. Its
     centre is let down from the height of the longer semi-axis at a constant speed, turning.
@@ -420,7 +420,7 @@ def turn_of_lines(case: Case, rock: IntArray, s: FloatArray) -> FloatArray:
 
 
 def turn_error(case: Case, line_turn: FloatArray) -> FloatArray:
-    """Return standard deviation of measured turns about those of the fall lines (°)."""
+    """Return the standard deviation of measured turns about those of the fall lines (°)."""
     return np.hypot(errors_of(case).turn_deg, _LINE_SHARE * line_turn)
 
 

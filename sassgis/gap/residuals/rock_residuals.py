@@ -20,7 +20,7 @@ def _as_matrix(values: FloatArray) -> FloatArray:
 
 
 def rock_means(values: FloatArray, rock: IntArray) -> tuple[FloatArray, IntArray]:
-    """Return mean of each quantity over the rows of each rock, missing ones left out.
+    """Return the mean of each quantity over the rows of each rock, missing ones left out.
 
     Parameters
     ----------
@@ -216,7 +216,7 @@ class Residual:
 
 
 def per_rock(values: FloatArray, rock: IntArray, n_rocks: int) -> FloatArray:
-    """Return mean of the rows of each rock, shape (n_rocks,); NaN for rocks without any."""
+    """Return the mean of the rows of each rock, shape (n_rocks,); NaN for rocks without any."""
     result = np.full(n_rocks, np.nan)
     own = rock >= 0
     if own.any():
@@ -226,7 +226,7 @@ def per_rock(values: FloatArray, rock: IntArray, n_rocks: int) -> FloatArray:
 
 
 def rows_per_rock(values: FloatArray, rock: IntArray, n_rocks: int) -> FloatArray:
-    """Return number of rows of each rock that have a value, shape (n_rocks,).
+    """Return the number of rows of each rock that have a value, shape (n_rocks,).
 
     It is the weight of a rock in means over single steps: a rock that springs far makes few steps,
     so that the mean over rocks of their means would count the far ones too much.
@@ -236,7 +236,7 @@ def rows_per_rock(values: FloatArray, rock: IntArray, n_rocks: int) -> FloatArra
 
 
 def mean_of_draws(draws: FloatArray, least: int = 2) -> FloatArray:
-    """Return mean over the last axis, missing ones left out; NaN where there are too few."""
+    """Return the mean over the last axis, missing ones left out; NaN where there are too few."""
     known = np.isfinite(draws)
     count = known.sum(axis=-1)
     with np.errstate(invalid="ignore", divide="ignore"):

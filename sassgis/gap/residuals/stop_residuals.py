@@ -311,7 +311,7 @@ def free_run_residuals(
 
 
 def side_error(case: Case, stop: bool = False) -> float:
-    """Return error of an offset from the fall line (m), of a stop or of a passage.
+    """Return the error of an offset from the fall line (m), of a stop or of a passage.
 
     The line starts where the rock was seen to start, and is known to half a cell.
     """
@@ -319,7 +319,7 @@ def side_error(case: Case, stop: bool = False) -> float:
 
 
 def _ends_error(case: Case, stop: bool) -> float:
-    """Return error of measurement at both ends of an offset (m).
+    """Return the error of measurement at both ends of an offset (m).
 
     The start, and the passage or stop.
     """
@@ -336,7 +336,7 @@ def _sides(
     span: tuple[float, float],
     rng: np.random.Generator,
 ) -> list[Residual]:
-    """Return lateral offset from the fall line against that of the model; mean and scatter.
+    """Return the lateral offset from the fall line against that of the model; mean and scatter.
 
     What rocks of one release have in common is an error of their fall lines, too, and no scatter of
     theirs. A model in the plane of the fall line cannot leave it: there only the error is expected.

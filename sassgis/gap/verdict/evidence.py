@@ -106,7 +106,7 @@ def evidence_beyond(
 
 
 def evidence_of_site(made: HypothesisFits) -> AddedCauses:
-    """Return evidence beyond the base with a free contact, and the models without an effect.
+    """Return the evidence beyond the base with a free contact, and the models without an effect.
 
     The base is adequate if one of the calibrations that the rocks leave plausible is: of all values
     of what is not known none may be right, for it to be wrong (R. L. Berger and D. D. Boos, 1994, P

@@ -102,7 +102,7 @@ def _interval(gap: FloatArray, weight: FloatArray, times: FloatArray) -> Range:
 
 
 def _on_map(case: Case, residual: Residual, own: np.ndarray) -> tuple[float, float]:
-    """Return mean over the lines of the rocks of the point in the middle of the place."""
+    """Return the mean over the lines of the rocks of the point in the middle of the place."""
     lines = np.unique(case.line[own & (case.line >= 0)])
     if not lines.size:
         return math.nan, math.nan
@@ -120,7 +120,7 @@ def _on_map(case: Case, residual: Residual, own: np.ndarray) -> tuple[float, flo
 
 
 def locate(findings: Sequence[GapFinding]) -> tuple[str, tuple[str, ...]]:
-    """Return phase and reaches in which the gap begins.
+    """Return the phase and reaches in which the gap begins.
 
     Single steps say most, reaches more than runs from the release: what is wrong in a single step
     is wrong where it is made.
@@ -155,7 +155,7 @@ def locate(findings: Sequence[GapFinding]) -> tuple[str, tuple[str, ...]]:
 
 
 def _strength(finding: GapFinding) -> float:
-    """Return gap over its standard error."""
+    """Return the gap over its standard error."""
     low, high = finding.ci95
     return abs(finding.gap) / (high - low) if high > low else math.inf
 
@@ -203,7 +203,7 @@ def used_lines(case: Case) -> list[int]:
 
 
 def observed_end(case: Case) -> float:
-    """Return chainage beyond which nothing was observed (m).
+    """Return the chainage beyond which nothing was observed (m).
 
     Infinite if no point has a chainage.
     """

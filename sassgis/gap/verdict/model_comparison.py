@@ -53,7 +53,7 @@ def group_weights(group: IntArray, rng: np.random.Generator, samples: int) -> Fl
 def share_of(
     above: RockDistances, below: RockDistances, floor: float, drawn: Sequence[FloatArray]
 ) -> tuple[float, Range | None]:
-    """Return share of the gap ``above`` (model before) that is closed ``below`` (after).
+    """Return the share of the gap ``above`` (model before) that is closed ``below`` (after).
 
     95 % interval.
 
@@ -87,7 +87,7 @@ class Ladder:
             self._found[rung] = over, own, own.drawn(self._weights)
 
     def gain(self, simpler: str, rung: str) -> Interval | None:
-        """Return distance of a simpler model less that of another.
+        """Return the distance of a simpler model less that of another.
 
         None where nothing was compared.
         """

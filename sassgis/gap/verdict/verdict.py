@@ -304,7 +304,7 @@ def decide(
 
 
 def group_probability(group: str, shares: Mapping[str, float]) -> float:
-    """Return probability of the families of a group together; NaN without a group."""
+    """Return the probability of the families of a group together; NaN without a group."""
     if not group:
         return math.nan
     return sum(shares.get(name, 0.0) for name in GROUPS[group])
@@ -336,7 +336,7 @@ def causes_in(confusion: Sequence[str]) -> tuple[str, ...]:
 def place_of(
     effect: str, case: Case, fitted: Sequence[Draw], findings: Sequence[GapFinding]
 ) -> tuple[str, tuple[str, ...]]:
-    """Return phase of motion and reaches in which an effect acts, by calibrated draws of it.
+    """Return the phase of motion and reaches in which an effect acts, by calibrated draws of it.
 
     Effects without a known place act where the gap lies, by the ``findings``.
     """
@@ -349,7 +349,7 @@ def place_of(
 
 
 def confidence_of(effect: str, shares: Mapping[str, float], right: Mapping[str, float]) -> float:
-    """Return probability of an answer; NaN where none is given.
+    """Return the probability of an answer; NaN where none is given.
 
     Of the contact law that none of the families is the cause, but no more than ``right``: the share
     of the sites of development at which such an answer was right (``Thresholds.right``).
@@ -406,7 +406,7 @@ class CauseWeights:
         hidden: int = 0,
         sound: bool = True,
     ) -> dict[str, float]:
-        """Return probability of every cause that may be named, of "none" and of "unknown".
+        """Return the probability of every cause that may be named, of "none" and of "unknown".
 
         Parameters
         ----------

@@ -148,7 +148,7 @@ def _acts(edit: Edit, level: IntArray) -> Any:
 
 
 def _shares(level: IntArray, area: FloatArray, codes: Sequence[str]) -> dict[str, float]:
-    """Return share of an area by level, from high to low; without what rounds to nothing."""
+    """Return the share of an area by level, from high to low; without what rounds to nothing."""
     of_level = np.bincount(level, area, len(codes) + 1) / area.sum()
     names = [NO_LEVEL, *codes]
     order = range(len(codes), -1, -1)

@@ -41,7 +41,7 @@ def faces_of(areas: Sequence[Any]) -> NDArray[Any]:
 
 
 def classes_of(faces: NDArray[Any], stack: Sequence[Any]) -> IntArray:
-    """Return class of each face: the number of the last area of a stack that holds it.
+    """Return the class of each face: the number of the last area of a stack that holds it.
 
     0 for none.
     """

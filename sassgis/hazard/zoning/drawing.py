@@ -398,7 +398,7 @@ def _raised(place: _Place, gaps: Sequence[float], smallest_m2: float) -> ClassMa
 def _stack(
     place: _Place, rules: Drawing, envelope: bool, within: Sequence[Any], known: Any
 ) -> list[Any]:
-    """Return area of each class with those above it, from class 1.
+    """Return the area of each class with those above it, from class 1.
 
     Each contains that of ``within``.
     """

@@ -169,7 +169,7 @@ def fall_line_layer(case: Case) -> VectorLayer:
 
 
 def _predicted_runout(diagnosis: Diagnosis) -> float:
-    """Return mean run-out of the calibrated base model (m); NaN if it was not compared."""
+    """Return the mean run-out of the calibrated base model (m); NaN if it was not compared."""
     for comparison in diagnosis.comparisons:
         values = [v for v in comparison.base if math.isfinite(v)]
         if comparison.quantity.startswith("runout") and values:
@@ -238,7 +238,7 @@ def impact_layer(case: Case) -> VectorLayer:
 
 
 def stand_polygon(case: Case, stand: tuple[float, float]) -> shapely.MultiPolygon:
-    """Return area of a stand between two chainages of the fall lines (m).
+    """Return the area of a stand between two chainages of the fall lines (m).
 
     Empty where none reaches it.
 

@@ -265,7 +265,7 @@ def _footprint_label(level: float) -> str:
 
 
 def footprint(run: MapRun, layers: Sequence[RasterLayer]) -> VectorLayer:
-    """Return outline of the cells that blocks reach, and of higher reach probabilities."""
+    """Return the outline of the cells that blocks reach, and of higher reach probabilities."""
     reach = next(layer for layer in layers if layer.stem == "reach_probability")
     outlines = footprints(reach.bands[0].values, run.grid, FOOTPRINT_LEVELS)
     columns = {

@@ -173,7 +173,7 @@ def level_changes(
 def change_table(
     both: gpd.GeoDataFrame, labels: Sequence[str], rows: str = "level_without"
 ) -> pd.DataFrame:
-    """Return area by level before (rows) and after (columns), m²; ``both`` from changes."""
+    """Return the area by level before (rows) and after (columns), m²; ``both`` from changes."""
     labels = ["none", *labels]
     area = np.zeros((len(labels), len(labels)))
     np.add.at(area, (both["before"].to_numpy(), both["after"].to_numpy()), both.geometry.area)

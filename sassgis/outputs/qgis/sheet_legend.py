@@ -38,7 +38,7 @@ def wrapped(text: str, width_mm: float, font: ET.Element) -> list[str]:
 
 
 def text_height(lines: int, font: ET.Element) -> float:
-    """Return height of some lines of text (mm)."""
+    """Return the height of some lines of text (mm)."""
     return lines * float(font.get("description", "").split(",")[1]) * MM_PER_POINT * _LINE
 
 

@@ -81,7 +81,7 @@ class ExportResult:
         return self.validation is None or self.validation.valid
 
     def lines(self) -> list[str]:
-        """Return summary and verdict in words."""
+        """Return the summary and verdict in words."""
         counts = ", ".join(f"{name} {count}" for name, count in self.objects.items())
         verdict = self.validation.lines() if self.validation else ()
         return [f"Wrote {self.path}, model {MODEL_NAME}: {counts}.", *verdict]

@@ -130,7 +130,7 @@ def _outlines(ax: Axes, rings: Sequence[FloatArray], colour: str, **how: Any) ->
 
 
 def fill_of(entry: RasterClass) -> str:
-    """Return colour of a class: hatched ones are striped on white."""
+    """Return the colour of a class: hatched ones are striped on white."""
     return "white" if entry.hatched else entry.colour
 
 

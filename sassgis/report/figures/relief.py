@@ -26,7 +26,7 @@ MAX_CELLS = 900
 
 
 def footprint(grid: Grid, values: FloatArray | None, others: FloatArray) -> Extent:
-    """Return extent of what is shown, with a margin, cut to the grid.
+    """Return the extent of what is shown, with a margin, cut to the grid.
 
     All of it where nothing is shown.
 
