@@ -115,7 +115,7 @@ def _write_passage(
 
 @lean
 def _at_barrier(crossing: Record, energy: float) -> tuple[int, float]:
-    """Return what a block that meets a barrier does, and the remaining share of its speed."""
+    """Return the outcome of a block at a barrier, and the remaining share of its speed."""
     if energy > crossing.capacity:
         return BROKE_THROUGH, math.sqrt(1.0 - crossing.capacity / energy)
     if crossing.kind == RESTARTS:

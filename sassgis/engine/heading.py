@@ -16,7 +16,7 @@ between heading and descent follows
 
 s being the length in plan; over a step of constant κ, tan(χ/2) falls by exp(−κ s).
 
-A block that is not the mirror image of itself in its plane of motion pushes aside steadily. It sees
+A block that is not the mirror image of itself in its plane of motion steers off steadily. It sees
 the descent turned by an angle that is drawn once for it: its drift.
 """
 
@@ -345,7 +345,7 @@ def after_impact(
 ) -> None:
     """Turn the heading as an impact does; ``into`` is the normal speed before it (m/s).
 
-    ``hard`` is whether it was an impact: a soft landing meets no spot of its own.
+    ``hard`` is whether it was an impact: a soft landing meets no separate spot.
     """
     if state.phase == END or state.phase == IMPACT:
         return

@@ -14,7 +14,7 @@ from sassgis.engine.resistance import gained, path_to
 from sassgis.engine.rows import Record
 from sassgis.engine.state import Block, Physics
 
-# What ends a stretch of rolling or sliding. Only TO_SLIDING and LIFT_OFF are found here; PART is a
+# What ends a stretch of rolling or sliding. TO_SLIDING and LIFT_OFF are computed here; PART is a
 # stretch that an effect has cut, after which the motion goes on, TO_ROLLING one of sliding after
 # which the block tips over.
 SEGMENT_END, STOP, TO_SLIDING, LIFT_OFF, GROUND_AHEAD, PROFILE_END, PART = 0, 1, 2, 3, 4, 5, 6

@@ -148,7 +148,7 @@ class Simulated:
 
 
 def left_in_cells(totals: Totals, work: Work, rows: IntArray) -> dict[str, Any]:
-    """Return what blocks left in some cells, by the names in Simulated."""
+    """Return the records of blocks in some cells, by the names in Simulated."""
     reach = by_threshold(totals.reach, rows)
     sums = totals.sums
     kept = by_name(CellSums(sums.stops[rows], sums.values[rows], ()), *reach.values()) | reach

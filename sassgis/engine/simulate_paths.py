@@ -160,7 +160,7 @@ def follow(
 
 
 def _wanted(worth: Worth | None, register: CellRegister, n: int) -> Wanted | None:
-    """Return where more is wanted for so many points, in the form of the kernel."""
+    """Return the places where more is wanted for so many points, in the form of the kernel."""
     if worth is None:
         return None
     # A copy where it may not be written to, as of another process: see _checked_starts.

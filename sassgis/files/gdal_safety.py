@@ -78,7 +78,7 @@ def pyogrio_settings(settings: Mapping[str, str]) -> Iterator[None]:
     """
     before = {key: pyogrio.get_gdal_config_option(key) for key in settings}
     pyogrio.set_gdal_config_options(settings)
-    # Not for longer: the PROJ of rasterio has data of its own.
+    # Not for longer: the PROJ of rasterio has separate data.
     placed = _PROJ_DATA.is_dir() and "PROJ_DATA" not in os.environ
     if placed:
         os.environ["PROJ_DATA"] = str(_PROJ_DATA)
@@ -207,7 +207,7 @@ def _encoding(file: Path, layer: str, taken: str) -> str | None:
 
 
 def _computed_table(file: Path) -> str:
-    """Return how a database declares a view or virtual table, if any; no SQL of it is run."""
+    """Return the declaration of a view or virtual table, if any; no SQL of it is run."""
     # The second way: next to a log of changes, in a folder without the right to write.
     for mode in ("mode=ro", "mode=ro&immutable=1"):
         place = f"file:{quote(str(file.absolute()))}?{mode}"

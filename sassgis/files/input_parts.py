@@ -1,6 +1,6 @@
 """Parts of an input: a file, those next to it, and those that a virtual raster shows.
 
-What reads an input, what tells it from another one and what is kept of it all ask here: a part that
+What reads an input, what separates it from others and what is kept of it all ask here: a part that
 one of them forgets would be an edit that nobody notices.
 """
 

@@ -117,7 +117,7 @@ def saved_or_refused(
 
 
 def saved_digest(path: Path) -> str:
-    """Return digest that ``write_saved`` gave; empty if the file is damaged, changed or missing."""
+    """Return digest by ``write_saved``; empty if the file is damaged, changed or missing."""
     try:
         return _seal(path).digest
     except _DAMAGE:

@@ -96,7 +96,7 @@ def rung_name(rung: str) -> Phrase:
 
 
 def file_has(rung: str) -> Phrase:
-    """Return what the configuration of a model of the ladder has: no errors of the data."""
+    """Describe the configuration of a model of the ladder: no errors of the data."""
     moving = [own for own in rung.split("+") if own not in CAUSES or not CAUSES[own].of_data]
     if moving:
         return rung_name("+".join(moving))

@@ -78,7 +78,7 @@ class MoreBlocks:
         return max(left, 0)
 
     def _open(self, run: MapRun, planned: Plan, progress: Progress) -> FloatArray | None:
-        """Return what a repetition at each point leaves open, by scenario; None if unknown."""
+        """Return the uncertainty after a repetition at each point, by scenario; None if unknown."""
         if progress.worth is None:
             return None
         last = run.rounds[-1]

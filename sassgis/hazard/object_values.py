@@ -99,7 +99,7 @@ def object_values(
         unknown = ends[1].rate[:, -1] * years >= 1.0
         low = np.where(np.isnan(low), 0.0, low)
         high = np.where(unknown, np.nan, high)
-        # The value is found in another way where the next energy of the curve is one of no block.
+        # The value comes in another way where the next energy of the curve is one of no block.
         low, high = np.minimum(low, value), np.maximum(high, value)
         return placed(value, *(np.where(np.isnan(value), np.nan, v) for v in (low, high)))
 

@@ -123,7 +123,7 @@ def sampled_sources(
 
 
 def on_known_terrain(counts: SourceCounts, grid: Grid) -> SourceCounts:
-    """Return counts without cells of unknown height, which blocks beside them count for as well."""
+    """Return counts without cells of unknown height, which nearby blocks count for as well."""
     known = np.isfinite(grid.values.ravel()[counts.places])
     if known.all():
         return counts

@@ -28,7 +28,7 @@ class Messages:
     setting: Callable[[Place], Declared | None] = lambda _loc: None
     named_by: str = "name"  # key by which a section with double brackets is called
     #: From a place and the kind of pydantic's error to what would have been accepted, where the
-    #: file has words of its own for it.
+    #: file has other words for it.
     expected: Callable[[Place, str], str | None] = lambda _loc, _kind: None
 
     def of(self, error: ValidationError) -> list[ConfigError]:

@@ -18,7 +18,7 @@ from sassgis.inputs.site_layers import SiteLayer, site_layers
 from sassgis.inputs.tiles import open_terrain
 from sassgis.inputs.vector_features import open_layer, with_shapes, without_shapes
 
-#: Keys with their values by section; sections with double brackets are not told apart, as there is
+#: Keys with their values by section; sections with double brackets are not separate, as there is
 #: one entry at most for each layer of a site.
 StartKeys = list[tuple[str, dict[str, object]]]
 
@@ -96,8 +96,10 @@ def with_values(given: StartKeys, assignments: Sequence[str]) -> StartKeys:
 
 
 def with_system(given: StartKeys, dem: Path | None, release: Path | None) -> StartKeys:
-    """Return keys, checked to lie in one place; with the system of the release areas if only they
-    state one. InputError if the terrain model has none that can be used, or they are not on it.
+    """Check that the keys lie in one place, and add the coordinate system.
+
+    It is that of the release areas if only they state one. InputError if the terrain model has none
+    that can be used, or they are not on it.
     """
     if dem is None:
         return given

@@ -104,8 +104,9 @@ def _from_raster(file: Input, grid: Grid, key: str, may_miss: bool) -> FloatArra
 
 
 def _from_trees(file: Input, grid: Grid, whole: Grid) -> tuple[FloatArray, FloatArray]:
-    """Count stems per hectare within TREES_WITHIN_M of each cell; diameter (cm) of a fir that
-    takes as much energy as one of them on average.
+    """Count the stems per hectare within TREES_WITHIN_M of each cell, and find their diameter.
+
+    The diameter (cm) is that of a fir that takes as much energy as one of them on average.
     """
     x, y, dbh_cm, conifers = _trees_of(file, whole)
     if not (whole.cell_of(x, y) >= 0).any():

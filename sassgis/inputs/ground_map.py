@@ -54,7 +54,7 @@ def built_in_table(readings: str = "hazard") -> GroundTable:
 def read_ground_table(path: AnyInput | None = None, readings: str = "hazard") -> GroundTable:
     """Read the ground classes of a run.
 
-    The user's own table, CSV or TOML (``[[classes]]``), has the columns name, eta_max, dp_min,
+    The user's table, CSV or TOML (``[[classes]]``), has the columns name, eta_max, dp_min,
     dp_max, mu_f, mu_0, k, d_star_m, restitution, restitution_speed_mps, rolling_threshold and, if
     wanted, speed_loss, source and trust. A class of a built-in name replaces that one; others are
     added. ``readings`` are those of built_in_table.
@@ -118,7 +118,7 @@ def _toml_rows(text: str, file: Input) -> Iterator[tuple[str, dict[str, Any]]]:
 
 
 def read_ranges(table: GroundTable, own: Input | None = None) -> tuple[RangeRule, ...]:
-    """Return rules of the built-in table, and after them those of the user's own.
+    """Return rules of the built-in table, and after them those of the user.
 
     That may name the classes of ``table``. It is a CSV with the columns class (``*`` for every
     other class), parameter, kind (value, offset, factor), low, high and, if wanted, source,

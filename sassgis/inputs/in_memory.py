@@ -140,8 +140,9 @@ def _from_data_array(array: Any, name: str) -> InMemory:
 
 
 def _stated_scale(attributes: Mapping[str, Any], name: str) -> tuple[float, float]:
-    """Read factor and offset from stored to true values, which rioxarray hands on unless set to
-    apply them.
+    """Read factor and offset from stored to true values.
+
+    rioxarray hands them on unless it is set to apply them.
     """
     wrong = partial(InputError, field=name, expected="values opened with mask_and_scale=True")
     if of_bands := [key for key in ("scales", "offsets") if key in attributes]:

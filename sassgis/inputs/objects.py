@@ -41,7 +41,7 @@ _SHAPES: Mapping[str, tuple[str, ...]] = {
 }
 _TRAFFIC = ("traffic_per_day", "speed_kmh", "vehicle_length_m", "persons_per_vehicle")
 _ROAD_USE = (*_TRAFFIC, "vehicle_value", "trips_per_day")
-#: Shorter stretches, in cells, could be left without a cell of their own.
+#: Shorter stretches, in cells, could be left without a separate cell.
 _LEAST_CELLS = 3.0
 #: More stretches than this are a slip in a coordinate.
 _MOST_STRETCHES = 50_000

@@ -141,7 +141,7 @@ def _meant(name: str, known: Sequence[str]) -> str:
 
 
 def _names(values: NDArray[Any]) -> list[str]:
-    """Return identifiers as text; 7.0 from a column of numbers is 7, but 7.2 is a piece of it."""
+    """Return identifiers as text; 7.0 from a column of numbers is 7, but 7.2 is a fragment."""
     names = [text_of(value) or "" for value in values.tolist()]
     filled = [n for n in names if n]
     # Spreadsheets write whole numbers so; a fragment 0 of every rock is not meant.

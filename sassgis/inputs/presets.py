@@ -1,4 +1,4 @@
-"""Hazard presets: the rules of an authority, built in or from the user's own TOML file."""
+"""Hazard presets: the rules of an authority, built in or from the user's TOML file."""
 
 from __future__ import annotations
 

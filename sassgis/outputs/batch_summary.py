@@ -65,7 +65,7 @@ class BatchSummary:
         self._rows[folder]["status"] = _SKIPPED + reason
 
     def reasons(self) -> dict[str, str]:
-        """Return why areas were skipped, by their name."""
+        """Return the reasons why areas were skipped, by their name."""
         return {
             str(row["area"]): str(row["status"]).removeprefix(_SKIPPED)
             for row in self._rows.values()

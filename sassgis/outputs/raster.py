@@ -270,7 +270,7 @@ class BlockMaps:
             if not whole:
                 between.unlink()
                 return
-        # Styles without limits of their own go from the smallest to the largest value.
+        # Styles without limits go from the smallest to the largest value.
         limits = np.array([self._limits.get(stem, (np.nan, np.nan))])
         layer = replace(layer, bands=(replace(layer.bands[0], values=limits), *layer.bands[1:]))
         _write_style(layer, target)

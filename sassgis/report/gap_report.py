@@ -142,8 +142,9 @@ def map_parts(
 
 
 def _one_per_place(findings: Iterable[GapFinding], first: GapFinding | None) -> list[GapFinding]:
-    """Keep findings of the map's main quantity: of each place the phase that heads it, or else
-    the most certain.
+    """Keep findings of the map's main quantity, one for each place.
+
+    It is that of the phase that heads the map, or else the most certain.
     """
     if first is None:
         return []

@@ -48,7 +48,7 @@ def collected_notices(quietly: list[str] | None = None) -> Iterator[list[str]]:
     """Collect what the readers have to say (level WARNING and above), each once.
 
     With ``quietly`` also what is below that (INFO), in that list, whatever the program has set up
-    for its own log, which gets nothing of both.
+    for its log, which gets nothing of both.
     """
     notices: list[str] = []
 

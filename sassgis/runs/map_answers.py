@@ -95,7 +95,7 @@ def map_hazard(rules: Rules, found: Assessment) -> MapHazard:
 def line_facts(
     run: MapRun, without_barriers: Sequence[Sampled], periods_years: Sequence[float]
 ) -> dict[tuple[str, str], PlaceFacts]:
-    """Return what reaches each station and barrier without barriers, by return period."""
+    """Return the loads at each station and barrier without barriers, by return period."""
     found: dict[tuple[str, str], PlaceFacts] = {}
     for i, (line, _) in enumerate(run.control_lines):
         energy, height = (arrivals(without_barriers, i, q) for q in ("energy_kj", "height_m"))

@@ -223,7 +223,7 @@ def _keeps_rows(config: Config) -> bool:
 
 
 def workers_asked(config: Config, jobs: Jobs) -> int | Workers:
-    """Return who works: as asked, or as many threads or processes as configured; 0: all cores."""
+    """Return the workers: as asked, or as many threads or processes as configured; 0: all cores."""
     wanted = config.run.jobs if jobs is None else jobs
     if hasattr(wanted, "in_order"):
         return wanted

@@ -103,7 +103,7 @@ def run(
 ) -> RunResult:
     """Run a configuration on the map and write everything.
 
-    An interrupted run leaves its state beside ``out``; the same call goes on from there.
+    An interrupted run leaves its state next to ``out``; the same call goes on from there.
 
     Parameters
     ----------

@@ -86,7 +86,7 @@ class VariantLab:
         self._blocks = 0
 
     def names(self, objects: Sequence[str]) -> Names:
-        """Return what the numbers of findings belong to."""
+        """Return the names to the numbers of findings."""
         levels = () if self._rules is None else tuple(c.label for c in self._rules.preset.levels)
         return Names(levels, tuple(line.name for line, _ in self.run.control_lines), tuple(objects))
 

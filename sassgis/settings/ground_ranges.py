@@ -15,7 +15,7 @@ from sassgis.errors import InputError
 from sassgis.settings.ground import LIMITS, PARAMETERS, GroundTable
 from sassgis.settings.settings import EngineSettings
 
-#: What stands for every class without a range of its own.
+#: What stands for every class without a separate range.
 EVERY_CLASS = "*"
 #: dp_min goes with dp_max: they are the limits of one spread.
 RANGED = tuple(p for p in PARAMETERS if p != "dp_min")
@@ -25,7 +25,7 @@ RANGED = tuple(p for p in PARAMETERS if p != "dp_min")
 class RangeRule:
     """How the range of a parameter follows from its value."""
 
-    class_name: str  # EVERY_CLASS for classes without a rule of their own
+    class_name: str  # EVERY_CLASS for classes without a separate rule
     parameter: str  # one of RANGED
     # What ``low`` and ``high`` are: the limits themselves, or added to the value of the class, or
     # multiplied with it.

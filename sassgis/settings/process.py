@@ -71,7 +71,7 @@ def _machine(root: Path) -> int | None:
 
 
 def _groups(root: Path) -> Iterator[int | None]:
-    """Yield what the control groups of this process, and those around them, leave (bytes)."""
+    """Yield the free memory of the control groups of this process and those around them (bytes)."""
     for line in _text(root / "proc/self/cgroup").splitlines():
         _, kinds, group = line.split(":", 2)
         if kinds and "memory" not in kinds.split(","):

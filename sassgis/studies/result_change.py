@@ -336,7 +336,7 @@ def _object_rows(
     cells: IntArray,
     owner: IntArray,
 ) -> Iterator[ChangeRow]:
-    """Yield what reaches each object; 0 where no block arrives.
+    """Yield the loads on each object; 0 where no block arrives.
 
     Energy and height are those of all blocks that reach it, where both results have them, else, as
     all others, the largest values over its cells.

@@ -395,7 +395,7 @@ def _coast(
     flat: float,
     turning: float,
 ) -> tuple[float, float, float, float]:
-    """Return midpoint step with a heading that turns at its own rate: mean direction, new heading.
+    """Return midpoint step with a heading that turns at a rate: mean direction, new heading.
 
     The heading relaxes exponentially towards the descent, which is stable for any rate.
     """

@@ -34,10 +34,10 @@ def profiles(
     """Flatten fall lines into profiles of straight segments.
 
     Heights are those of the DEM as it is, bilinear between cell centres, sampled wherever the line
-    crosses a border or a middle line of a cell, and at its own points. The samples are then
+    crosses a border or a middle line of a cell, and at its points. The samples are then
     thinned (U. Ramer, 1972; D. H. Douglas and T. K. Peucker, 1973, with the vertical distance)
     so that no sample is farther from the segments than the tolerance. Where the ground class
-    changes, which is at borders of cells, a vertex is always kept. Each profile depends on its own
+    changes, which is at borders of cells, a vertex is always kept. Each profile depends only on its
     line alone; a line of a single point gives a single vertex and no stretch.
 
     Parameters

@@ -19,7 +19,7 @@ from sassgis.grid import BoolArray, FloatArray, IntArray
 _WALL_M, _WALL_DEG = 25.0, 80.0
 #: Far below is this (m), or that slope if that is more, within so many cells.
 _FAR_M, _WITHIN = 150.0, 3
-#: Walls are looked for at this height and so many times it: interpolation overshoots beside a wall,
+#: Walls are looked for at this height and so many times it: interpolation overshoots near a wall,
 #: which makes lower ones.
 _HIGHER = (1.0, 2.0, 4.0, 8.0)
 #: Fewer cells amid walls are ledges, and part of them.
@@ -61,7 +61,7 @@ def nodata_traces(values: FloatArray, cell_m: float) -> NodataTraces:
     """Find what numbers for nodata have left in heights (m), which are NaN where nothing is known.
 
     Found are areas that walls part from all else and that lie far below what is behind the walls;
-    cells of walls far below all ground beside them, as of small holes and at the edge of the model;
+    cells of walls far below all nearby ground, as of small holes and at the edge of the model;
     and rims of nodata of which the most part is a wall, all up or all down.
     """
     slope = math.tan(math.radians(_WALL_DEG)) * cell_m

@@ -110,7 +110,7 @@ def point_keys(name: str, count: int) -> NDArray[np.uint64]:
 
     The SHA-256 of the name starts a SplitMix64 sequence (G. L. Steele, D. Lea, C. H. Flood, 2014,
     Fast splittable pseudorandom number generators, OOPSLA '14), so key ``i`` depends on the name
-    and ``i`` alone.
+    and ``i`` only.
     """
     base = rng.word_of(f"release point\x00{name}")
     return rng.combined(np.full(count, base), np.arange(count))

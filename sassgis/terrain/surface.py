@@ -1,4 +1,4 @@
-"""A smooth surface through the heights of a grid, and smoothing that leaves planes alone.
+"""A smooth surface through the heights of a grid, and smoothing that leaves planes as they are.
 
 The surface is a cubic B-spline through the cell centres (M. Unser, 1999, Splines: a perfect fit
 for signal and image processing, IEEE Signal Processing Magazine 16(6), 22-38): twice

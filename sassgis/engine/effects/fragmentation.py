@@ -210,7 +210,7 @@ def angles_aside(
 ) -> None:
     """Compute the angles in plan (rad) between the paths of the fragments and that of the whole.
 
-    No momentum aside is made: with the speeds ``vx`` along their paths, Σ m v_x sin(angle) = 0.
+    No lateral momentum arises: with the speeds ``vx`` along their paths, Σ m v_x sin(angle) = 0.
 
     Parameters
     ----------

@@ -327,7 +327,7 @@ def _shown(
 
 
 def _quantities(sample: Campaign, places: Sequence[str]) -> Iterator[tuple[str, FloatArray]]:
-    """Yield what each rock of one campaign shows, shape (n_rocks,); NaN where nothing."""
+    """Yield the quantities of each rock of one campaign, shape (n_rocks,); NaN where nothing."""
     n = sample.n_rocks
     passed, lying, hit = sample.passages, sample.deposits, sample.impacts
     if passed is not None:
@@ -344,7 +344,7 @@ def _quantities(sample: Campaign, places: Sequence[str]) -> Iterator[tuple[str, 
             "lateral distance of stops from the fall line",
             per_rock(np.abs(lying.lateral_m), whole, n),
         )
-        # A rock without blocks of its own has none besides itself.
+        # A rock without blocks to its name has none but itself.
         more = np.bincount(lying.rock[(lying.rock >= 0) & (lying.kind != WHOLE)], minlength=n)
         yield "the number of pieces of each rock", more.astype(np.float64)
     if hit is not None:

@@ -148,7 +148,7 @@ class CausePart:
 class Scores:
     """Numbers whose mean is zero where the cause is absent."""
 
-    values: FloatArray  # shape (n_rocks,), or (1,): a z that has its own null
+    values: FloatArray  # shape (n_rocks,), or (1,): a z with a separate null
     size: float  # what was seen, in the unit of the statistic
     #: Of each rock to score above zero where the cause is absent; values then are 0 or 1.
     chance: FloatArray | None = None
@@ -376,10 +376,10 @@ def over_scatter(gaps: FloatArray, least: float) -> FloatArray:
 
 
 def wrong_on_one(residuals: ResidualTable, sign: float = 0.0) -> dict[str, FloatArray]:
-    """Return how wrong the speed is on each single reach, in scatters, shape (n_rocks,) each.
+    """Measure how wrong the speed is on each single reach, in scatters, shape (n_rocks,) each.
 
     Its gap less that on the others, as far as this exceeds what the others are off themselves:
-    where all reaches are wrong none is wrong alone. ``sign`` is that of the gap that is looked for;
+    where all reaches are wrong no single one is. ``sign`` is that of the gap that is looked for;
     0: that which the reach has.
     """
     speed = gaps_by_reach(residuals, "speed_mps")

@@ -367,7 +367,7 @@ def _by_label(parameters: Sequence[ClassParameter], shares: FloatArray) -> dict[
 #: prior scales.
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(100)
 _END = 6.0
-#: Precision of the prior where the rocks of a site speak alone, and samples of what they leave.
+#: Precision of the prior where the rocks of a site speak, and samples of what they leave.
 _NO_PRIOR, _SAMPLES = 1e-3, 2000
 #: Least error, as a share of the range: a value that is always at a limit is not known exactly.
 _LEAST_ERROR = 0.02

@@ -172,7 +172,7 @@ def energy_scores(observed: FloatArray, replicas: NDArray[np.floating]) -> Float
         In units that count alike; NaN where not measured: left out, distances are stretched.
     replicas : float, shape (m, n, p)
         One that lacks a quantity of the observation is left out: encode what did not happen as a
-        coordinate of its own first.
+        separate coordinate first.
 
     Returns
     -------

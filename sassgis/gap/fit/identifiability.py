@@ -26,7 +26,7 @@ _CORRELATED = 0.4
 _SHOWN = 6
 #: Samples of the posterior, and of the chance of sites that do not contradict each other.
 _SAMPLES = 2000
-#: Precision of the prior where the observations are to speak alone: two and a half times as wide.
+#: Precision of the prior where the observations alone are to speak: two and a half times as wide.
 _NEXT_TO_NONE = 0.16
 #: Sites contradict each other if what their numbers leave at common parameters is more than in
 #: this share of samples of chance, and costs at least this share of their score.
@@ -253,7 +253,7 @@ def contradicting(
     ``common``, ``own_best``: mean scores of the rocks of each site at the common parameters, and at
     the best ones of the site.
 
-    What is compared with chance is by how much parameters of their own would fit the numbers of the
+    What is compared with chance is by how much separate parameters would fit the numbers of the
     sites better than common ones; chance draws the pulls of the sites anew about none.
     """
     worse = sum(one - other for one, other in zip(common, own_best, strict=True))

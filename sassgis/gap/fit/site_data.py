@@ -173,7 +173,7 @@ class SiteData:
     part: IntArray  # shape (n_rocks,); part of the cross-validation that each rock belongs to
     unit: IntArray  # shape (n_rocks,); those of a block, day or source, whose scores count as one
     #: Shape (n_rocks, 2 k). Stops of rocks of which no block is known to lie anywhere: not found,
-    #: or not told from others; and what was not measured of a block that lies, or has passed a
+    #: or not separate from others; and what was not measured of a block that lies, or has passed a
     #: station. They count as not measured, in replicas too.
     unseen: NDArray[np.bool_]
     sideways: bool = True  # whether offsets from fall lines and turns count

@@ -147,8 +147,9 @@ class Observations:
         return np.array([stated.get(name, math.nan) for name in self.rock_names], np.float64)
 
     def paths_of_rocks(self, needed: FloatArray | float = 0.0) -> dict[int, IntArray]:
-        """Return rows of ``trajectories`` of each whole rock by time, those with a place and, if
-        given, a number in ``needed``.
+        """Return rows of ``trajectories`` of each whole rock by time.
+
+        Rows have a place and, if given, a number in ``needed``.
         """
         track = self.trajectories
         if not len(track):
@@ -384,7 +385,7 @@ SIGMAS = 3.0
 
 
 def stated_or(value: float, otherwise: float) -> float:
-    """Return what the metadata state of the measurement, else what is usual or estimated."""
+    """Return the value that the metadata state, else what is usual or estimated."""
     return value if math.isfinite(value) else otherwise
 
 
@@ -425,7 +426,7 @@ def heights_m(points: Table, grid: Grid | None) -> FloatArray:
 
 
 def height_errors_m(points: Table, grid: Grid | None, position_m: float) -> FloatArray:
-    """Return what an error of the place makes of heights that are those of the ground (m).
+    """Return the error of ground heights by an error of the place (m).
 
     Else 0.
     """

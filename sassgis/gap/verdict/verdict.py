@@ -290,7 +290,7 @@ def decide(
                 "and large"
             )
         return NONE, "", joined("", (refused, reason))
-    # A cause at the contact that is as probable as none cannot be told from another law of it.
+    # A cause at the contact that is as probable as none is not separable from another law of it.
     contact = group_of(CONTACT_LAW)
     others = [name for name in tried if group_of(name) != contact or shares[name] > shares[NONE]]
     if law and shares[NONE] > max((shares[name] for name in others), default=0.0):

@@ -74,8 +74,9 @@ def shares_of_text(text: str) -> dict[str, float]:
 
 
 def share_of(area: Any, grid: Grid, cells: IntArray, values: FloatArray) -> float:
-    """Average values of cells (flat indices, 0 elsewhere) over an area, which may be narrower
-    than a cell.
+    """Average values of cells (flat indices, 0 elsewhere) over an area.
+
+    The area may be narrower than a cell.
     """
     x, y = grid.cell_centres(cells)
     west, south, east, north = area.bounds

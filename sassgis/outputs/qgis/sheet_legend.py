@@ -105,7 +105,7 @@ def fill_legend(item: ET.Element, shown: Sequence[LayerEntry], width: float) -> 
             height += sum(map(row, classes)) if classes else _RAMP_HEIGHT
         entry = {"layer": layer, "texts": _legend_texts(layer, title, classes)}
         (single if one_sign else classed).append(entry)
-    # Signs of their own would seem to belong to the classes before them.
+    # Separate signs would seem to belong to the classes before them.
     heading = translated("Also shown") if single and classed else ""
     tree = child(item, "layer-tree-group")
     tree.clear()

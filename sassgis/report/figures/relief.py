@@ -153,7 +153,7 @@ def _slope(z: FloatArray, axis: int, cell_size: float) -> FloatArray:
 
 
 def hillshade(grid: Grid) -> FloatArray:
-    """Return relief lit from four sides at once, so that no slope is lost in its own shadow.
+    """Return relief lit from four sides at once, so that no slope is lost in its shadow.
 
     Each light counts more on ground that it strikes from the side (Mark, R. K., 1992,
     Multidirectional, oblique-weighted, shaded-relief image of the Island of Hawaii, USGS Open-File
