@@ -91,7 +91,7 @@ class Grid:
         return values
 
     def cell_centres(self, cells: IntArray) -> tuple[FloatArray, FloatArray]:
-        """Return X and y (m) of the centres of flat cell indices."""
+        """Return x and y (m) of the centres of flat cell indices."""
         n_cols = self.shape[1]
         row, col = np.divmod(np.asarray(cells, np.int64), n_cols)
         return (self.west + (col + 0.5) * self.cell_size, self.north - (row + 0.5) * self.cell_size)

@@ -121,7 +121,7 @@ class Setting:
     def outline(self) -> Grid:
         """Return the whole terrain model without heights.
 
-        Made anew, as processes would get it in full.
+        It is made anew, as processes would get it in full.
         """
         return self.terrain.outline()
 

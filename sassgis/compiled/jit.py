@@ -63,7 +63,7 @@ def loaded_numba() -> ModuleType:
 def _cache_folder() -> Path | None:
     """Return the folder of the machine code that belongs to the sources as they stand.
 
-    None: keep none.
+    It is None where none is to be kept.
     """
     digest = hashlib.sha256()
     for room in _COMPILED_ROOMS:

@@ -84,7 +84,7 @@ def combined(
 def word_of(text: str) -> np.uint64:
     """Return a number that represents a text in the random draws.
 
-    The first 64 bits of its SHA-256.
+    It is the first 64 bits of the text's SHA-256.
     """
     return np.uint64(int.from_bytes(hashlib.sha256(text.encode()).digest()[:8], "little"))
 

@@ -69,7 +69,7 @@ def block_of(a: float, b: float, c: float, density: float, mass: float, key: np.
 def with_outline(block: Block, physics: Physics) -> Block:
     """Return the block with the axes that act in the plane of motion.
 
-    As large an ellipse, of that ratio.
+    The ellipse is as large, with that ratio.
 
     Ours. Blocks with edges do not roll as discs where their longer axes are equal, and elongated
     ones turn about an axis that moves, so that the plane meets them in rounder outlines.

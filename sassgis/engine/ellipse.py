@@ -11,7 +11,7 @@ from sassgis.compiled.jit import fused, kernel, lean
 def inertia(a: float, b: float) -> float:
     """Return the moment of inertia per unit mass about the axis normal to the plane (m²).
 
-    (a² + b²)/5.
+    It is (a² + b²)/5.
     """
     return 0.2 * (a * a + b * b)
 

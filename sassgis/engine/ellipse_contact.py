@@ -58,7 +58,7 @@ class Flying(NamedTuple):
 def _until_closed(gap: float, rate: float, bend: float) -> float:
     """Compute the first time after 0 at which gap + rate t − bend t²/2 is zero.
 
-    Infinite if never.
+    It is infinite if there is none.
     """
     root2 = rate * rate + 2.0 * bend * gap
     if root2 < 0.0:
@@ -422,7 +422,7 @@ def _vertex_counts(
 ) -> bool:
     """Return whether a block that reaches a vertex touches it.
 
-    Approaching, and between the segments.
+    It must be approaching, and between the segments.
     """
     if approach >= -1e-12 or rate > 0.0:
         return False

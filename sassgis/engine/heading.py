@@ -499,7 +499,7 @@ def _bent(angle: float, kappa_s: float) -> float:
 def _angle_to(state: Record, gu: float, gv: float, cell_size: float) -> float:
     """Return the angle from heading to descent as the block sees it, to the right.
 
-    0 on level ground (rad).
+    It is 0 on level ground (rad).
     """
     if gu * gu + gv * gv <= 1e-12:
         return 0.0

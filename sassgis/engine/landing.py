@@ -88,7 +88,7 @@ def _varied_normal(state: Record, block: Block, site: Site, vt: float) -> tuple[
 def _resistance(block: Block, ground: Record, speed: float, growing: float) -> float:
     """Return (μ_r + μ_v v²/(g d)) (1 + I/r²).
 
-    Energy that rolling takes, over normal force and path.
+    This is the energy that rolling takes, over normal force and path.
     """
     mu_r = rolling_friction(block, ground)
     return float(block.roll_share * (mu_r + growing * speed * speed))

@@ -51,7 +51,7 @@ class CellWork(NamedTuple):
 def empty_work(n_cells: int, chords: bool) -> CellWork:
     """Return room for what a block does in the cells of a chunk.
 
-    If wanted, for its path across each.
+    If wanted, there is also room for its path across each.
     """
     return CellWork(
         np.full((n_cells, N_RECORDED), -1.0),

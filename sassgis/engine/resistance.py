@@ -34,7 +34,7 @@ def gained(pull: float, fade: float, path: float) -> float:
 def path_to(pull: float, fade: float, change: float) -> float:
     """Return the path over which v² changes by some amount of the sign of ``pull`` (m).
 
-    Infinite if never.
+    It is infinite if it never does.
     """
     x = -fade * change / pull
     if x <= -1.0:

@@ -31,7 +31,7 @@ _MOST_STEPS = 60
 def rolling_friction(block: Block, ground: Record) -> float:
     """Return μ_r = μ_0 + k d*/d, equation (2), d the diameter of the block.
 
-    Times a factor of the block.
+    It is multiplied by a factor of the block.
     """
     return float(block.drag * (ground.mu_0 + ground.k * ground.d_star_m / (2.0 * block.radius)))
 
@@ -40,7 +40,7 @@ def rolling_friction(block: Block, ground: Record) -> float:
 def growth(block: Block, ground: Record, physics: Physics) -> float:
     """Return μ_v/(g d) times the factor of the block.
 
-    Resistance over normal force, by v² (s²/m²).
+    This is the resistance over normal force, by v² (s²/m²).
     """
     if physics.eta_rule != RESTITUTION:
         return 0.0

@@ -26,6 +26,6 @@ def record_type(*fields: tuple[str, Any]) -> np.dtype[np.void]:
 def last_of(rows: Records) -> int:
     """Return the position of the last vertex, or of the end of the last stretch.
 
-    Number of crossings.
+    For crossings it is their number.
     """
     return int(rows[0].last)

@@ -171,7 +171,7 @@ def by_threshold(reach: Exceedance, rows: IntArray | None = None) -> dict[str, I
 def _disks(window: Window | None, cells: IntArray) -> tuple[IntArray, Disks]:
     """Return the windows that blocks in some cells may meet.
 
-    Flat indices of their middle, and disks.
+    They are flat indices of their middle, and disks.
     """
     if window is None:
         none = np.empty(0, np.int64)
@@ -211,7 +211,7 @@ def _check(profiles: ProfileSet, table: GroundTable) -> None:
 def _checked_starts(profiles: ProfileSet, starts: FloatArray) -> FloatArray:
     """Return starting chainages as the kernel takes them.
 
-    InputError where one is off its profile.
+    Raises InputError where one is off its profile.
     """
     # A copy: for an array that may not be written to the whole kernel would be compiled again.
     starts = np.array(starts, np.float64).reshape(len(profiles), 2)

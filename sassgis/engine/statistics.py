@@ -171,7 +171,7 @@ def empty_sums(n_cells: int, bins: FlatBins) -> CellSums:
 def by_name(sums: CellSums, blocks: IntArray, square: IntArray) -> dict[str, NDArray[np.generic]]:
     """Return the sums under their names in the table, but for the histograms.
 
-    Blocks at the thresholds.
+    Blocks at the thresholds are among them.
     """
     out: dict[str, NDArray[np.generic]] = {
         "reach": blocks[:, 0], "reach_square": square[:, 0], "stops": sums.stops,

@@ -220,7 +220,7 @@ def _computed_table(file: Path) -> str:
 def _head(file: Path) -> bytes:
     """Return the begin of a file.
 
-    Of a file geodatabase, which is a folder, that of other binary ones.
+    For a file geodatabase, which is a folder, it is that of other binary files.
     """
     if file.is_dir():
         known = file.suffix.lower() == ".gdb" and (file / "a00000001.gdbtable").is_file()

@@ -146,7 +146,7 @@ def _arrays(path: Path, wanted: Callable[[str], bool] = _every) -> dict[str, NDA
 def _seal(path: Path) -> _Seal:
     """Return the fingerprint and digest of a file.
 
-    ValueError or OSError if it is not as it was saved.
+    Raises ValueError or OSError if the file is not as it was saved.
     """
     with path.open("rb") as stream:
         stream.seek(-2 * _HEX, os.SEEK_END)

@@ -51,7 +51,7 @@ class VectorLayer:
 def descriptions() -> dict[str, dict[str, dict[str, str]]]:
     """Return rows of ``data/map_layers.csv`` by layer and column.
 
-    That of the layer has the column "".
+    The row of the layer has the column "".
     """
     layers: dict[str, dict[str, dict[str, str]]] = {}
     for row in built_in_rows("map_layers"):

@@ -23,7 +23,7 @@ from sassgis.terrain.plan import Plan
 
 #: A point has an eighth of the blocks of another at least: what few blocks show may be wrong.
 _MOST_HALVINGS = 3
-#: By how much repetitions grow from round to round, in all; few blocks say little of how many more.
+#: By how much repetitions grow one by one, in all; few blocks say little of how many more.
 _LEAST_GROWTH, _MOST_GROWTH = 1.25, 4.0
 #: Beyond what the present share asks for: the next one is a little off.
 _MARGIN = 1.05
@@ -42,7 +42,7 @@ class MoreBlocks:
     tell: Callable[[str], None]
 
     def __call__(self, run: MapRun, planned: Plan, progress: Progress) -> Round | None:
-        """Return the next round, None for enough; sets what the progress is to find out in it."""
+        """Return the next repetition, None for enough; sets what progress is to find out in it."""
         sampled = sampled_sources(run, progress, self.rules.frequencies)
         curves = curves_of(sampled, bins_of(run).threshold)
         known = np.isfinite(run.grid.values)

@@ -15,7 +15,7 @@ from sassgis.settings.hazard_rules import Source, SourceCounts
 def zone_of_cells(coverage: Coverage, grid: Grid, cells: IntArray) -> IntArray:
     """Return the zone that holds the centre of each cell: its position in the coverage.
 
-    -1 outside all zones.
+    It is -1 outside all zones.
 
     ``grid`` is that on which the zones were drawn; ``cells`` are flat indices, ascending. A centre
     on a common boundary belongs to the higher class, then to the earlier zone.

@@ -227,7 +227,7 @@ def energy_at(curves: HazardCurves, years: float | FloatArray) -> FloatArray:
 def rate_interval(curves: HazardCurves, confidence: float = 0.95) -> tuple[FloatArray, FloatArray]:
     """Return limits (1/year) between which the rates lie, given the sample.
 
-    Shape (n, n_energies) each.
+    Both have the shape (n, n_energies).
 
     They are those of ``sampling_error.gamma_interval``, and state what another sample of blocks
     would change, and nothing of the model, its parameters or the onset frequency. ``confidence`` is
@@ -241,6 +241,6 @@ def rate_interval(curves: HazardCurves, confidence: float = 0.95) -> tuple[Float
 def wide_variance(curves: HazardCurves) -> FloatArray:
     """Return variances that hold where few release points were drawn.
 
-    Widened as those of 95 % limits.
+    They are widened as those of 95 % limits.
     """
     return curves.variance * widening(curves.freedom, 0.025)

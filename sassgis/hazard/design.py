@@ -33,7 +33,7 @@ class Arrivals:
     def limits(self, confidence: float) -> tuple[Arrivals, Arrivals]:
         """Return curves between which this one lies, given the sample.
 
-        Those of curves.rate_interval.
+        The limits are those of curves.rate_interval.
         """
         ends = (end.sum(axis=0) for end in rate_interval(self.curves, confidence))
         low, high = (replace(self, rate=np.minimum.accumulate(rate)) for rate in ends)
@@ -65,7 +65,7 @@ def arrivals(sampled: Sequence[Sampled], control_line: int, quantity: str) -> Ar
 def _at_edges(own: Distribution) -> SourceCounts:
     """Return blocks at or above each edge of the bins, with squares as of Distribution.
 
-    One place.
+    They are those of one place.
     """
     above = np.cumsum(own.histogram.counts[::-1])[::-1]
     count, square = (np.append(values, 0)[None] for values in (above, own.squares))
@@ -75,7 +75,7 @@ def _at_edges(own: Distribution) -> SourceCounts:
 def _variance(source: Source, counts: SourceCounts) -> FloatArray:
     """Return the variance of the rates of a source at a line.
 
-    Of given points at most, as of single blocks.
+    For given points it is at most that of single blocks.
     """
     if source.random_points:
         return source_variance(source, counts)
@@ -116,7 +116,7 @@ def value_limits(curve: Arrivals, rate: float, confidence: float) -> tuple[float
 def rocks_beyond(curve: Arrivals, rate: float) -> int:
     """Return simulated blocks above the value that is exceeded at ``rate``.
 
-    Few mean a poor estimate.
+    Few of them mean a poor estimate.
 
     Counted from the upper edge of the bin that holds the value.
     """

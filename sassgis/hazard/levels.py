@@ -73,7 +73,7 @@ def hazard_level(curves: HazardCurves, preset: HazardPreset) -> NDArray[np.int16
 def deciding_energy(curves: HazardCurves, preset: HazardPreset) -> IntArray:
     """Return the threshold of energy that gave each place its level.
 
-    A column of ``curves.energies_kj``.
+    It is a column of ``curves.energies_kj``.
 
     It is the lower limit of the weakest class of intensity that gives the level. -1 where there is
     none.

@@ -12,7 +12,7 @@ from sassgis.settings.languages import joined, phrase
 def period_labels(return_periods: Sequence[float]) -> tuple[str, ...]:
     """Return names of the classes of return period.
 
-    "up to 30", "30 to 100", ..., "beyond 300" (years).
+    They are "up to 30", "30 to 100", ..., "beyond 300" (years).
     """
     limits = [f"{t:g}" for t in return_periods]
     between = [phrase("{} to {}", a, b) for a, b in pairwise(limits)]
@@ -47,7 +47,7 @@ def preset_unverified(preset: HazardPreset) -> list[str]:
 def unverified_in_short(preset: HazardPreset) -> list[str]:
     """Return the same without the sources, in one text or none.
 
-    For sheets, where there is little room.
+    It is for sheets, where there is little room.
     """
     what = [text for own in _unverified(preset).values() for text in own]
     text = "Preset {}, unverified: {}. See the report."

@@ -60,14 +60,14 @@ def foot_of_cliff(grid: Grid, x: FloatArray, y: FloatArray) -> FloatArray:
 
 
 def _places(grid: Grid, x: FloatArray, y: FloatArray) -> FloatArray:
-    """Return X, y and the height of the cell, shape (n, 3); NaN outside."""
+    """Return x, y and the height of the cell, shape (n, 3); NaN outside."""
     return np.column_stack([x, y, grid.value_at(x, y)])
 
 
 def _angle_deg(upper: FloatArray, lower: FloatArray) -> FloatArray:
     """Return the angle below the horizontal of the line between places.
 
-    NaN if they are one, or it rises.
+    It is NaN if they are one, or if the line rises.
     """
     distance = np.hypot(*(lower - upper)[:, :2].T)
     drop = upper[:, 2] - lower[:, 2]

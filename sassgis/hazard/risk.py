@@ -408,7 +408,7 @@ def _share(part: float, whole: float) -> float:
 def object_rows(table: RiskTable) -> list[dict[str, object]]:
     """Return a row per object.
 
-    What it is, hits by intensity, every quantity with its standard error.
+    It has what the object is, hits by intensity, every quantity with its standard error.
     """
     sums = {q: table.of_object(q) for q in table.values}
     errors = {q: table.standard_error(q) for q in table.values}
@@ -429,7 +429,7 @@ def object_rows(table: RiskTable) -> list[dict[str, object]]:
 def source_rows(table: RiskTable) -> list[dict[str, object]]:
     """Return a row per object and source that hits it.
 
-    What the source adds, and its share of the loss.
+    It has what the source adds, and its share of the loss.
     """
     loss, deaths = table.of_object("loss"), table.of_object("deaths")
     rows: list[dict[str, object]] = []

@@ -76,12 +76,12 @@ _SET_UP = (
 
 
 def describes_set_up(warning: str) -> bool:
-    """Return whether a warning, in English, describes the set-up, not what may be wrong."""
+    """Return whether a warning, in English, describes the set-up, not a wrong map."""
     return warning.startswith(_SET_UP)
 
 
 def _some_blocks(n: int, total: int) -> Phrase:
-    """Return blocks of all blocks: their share, or how many they are if these are few."""
+    """State blocks of all blocks: their share, or how many they are if these are few."""
     if n >= _FEW * total:
         return phrase("{} % of the blocks", short(100.0 * n / total))
     all_blocks = thousands(total)
@@ -95,7 +95,7 @@ def _some_blocks(n: int, total: int) -> Phrase:
 def ground_shares(run: MapRun, cells: IntArray) -> list[tuple[GroundClass, float]]:
     """Return ground classes of flat cells with their share.
 
-    Of all known cells where none are given.
+    All known cells count where none are given.
     """
     known = np.isfinite(run.grid.values)
     of_cells = run.ground.ravel()[cells] if cells.size else run.ground[known]

@@ -457,7 +457,7 @@ PHYSICS_SECTIONS = (
 def settings_hash(config: Config, *, sections: Iterable[str] = PHYSICS_SECTIONS) -> str:
     """Return the fingerprint of a run.
 
-    Equal if and only if the settings and the files they name are equal.
+    It is equal if and only if the settings and the files they name are equal.
 
     Files count by what they hold, and not by where they are. The number of jobs does not count,
     nor that of draws of the ground classes: the blocks of the run itself are the same. It has 64

@@ -54,7 +54,7 @@ class RawDem:
     gaps: str = ""  # where tiles are missing, in words; empty if nowhere
 
     def place(self, row: int, col: int) -> tuple[float, float]:
-        """Return X and y of the centre of a cell."""
+        """Return x and y of the centre of a cell."""
         return (
             self.corner[0] + (col + 0.5) * self.cell[0],
             self.corner[1] - (row + 0.5) * self.cell[1],
@@ -120,7 +120,7 @@ def _heights(dataset: Any, band: int, file: Path, factor: float) -> tuple[FloatA
 def _cell_sizes(dataset: Any, wkt: str) -> tuple[float, float, float, float, bool]:
     """Return the width and height of a cell in metres and in the coordinates of the file.
 
-    Whether known.
+    The last value is whether they are known.
     """
     t = dataset.transform
     width, height = math.hypot(t.a, t.d), math.hypot(t.b, t.e)

@@ -143,7 +143,7 @@ def _from_trees(file: Input, grid: Grid, whole: Grid) -> tuple[FloatArray, Float
 
 
 def _trees_of(file: Input, grid: Grid) -> tuple[FloatArray, ...]:
-    """Return X, y, diameter (cm) and share of conifers (NaN: not stated) of each tree."""
+    """Return x, y, diameter (cm) and share of conifers (NaN: not stated) of each tree."""
     key = "effects.trees"
     is_table = isinstance(file, InMemory) and file.kind == "table"
     if is_table or file.suffix.lower() in (".csv", ".txt"):

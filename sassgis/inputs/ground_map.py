@@ -160,7 +160,7 @@ def ground_raster(
 ) -> NDArray[np.int32]:
     """Return ground class of each cell of the DEM, as position in the table.
 
-    Int32, shape of the grid.
+    The array is int32, of the shape of the grid.
 
     A cell takes the class of the polygon over its centre (polygon_of_cells). A raster of codes is
     aligned by the nearest cell. Where nothing is said, the default class. What the file holds must

@@ -177,7 +177,7 @@ def level_classes(folder: Path) -> tuple[RasterClass, ...]:
 def _classes(dataset: Any) -> tuple[RasterClass, ...]:
     """Return classes of a map by its tags, in the colours of its palette.
 
-    None of a map of numbers.
+    There are none of a map of numbers.
     """
     palette = dataset.colormap(1) if dataset.dtypes[0] == "uint8" else {}
     classes = []
@@ -246,7 +246,7 @@ _Values = dict[str, dict[str, tuple[float, ...]]]
 def _read_objects(folder: Path) -> tuple[PlacedObjects, dict[str, dict[str, float]], _Values]:
     """Return exposed objects.
 
-    By the name of the whole the sums of their risk, and the largest values.
+    Returned by the name of the whole are the sums of their risk, and the largest values.
     """
     objects: list[ExposedObject] = []
     shapes: list[Any] = []

@@ -103,7 +103,7 @@ class _Folder:
         return values
 
     def centres(self, rows: IntArray, cols: IntArray) -> FloatArray:
-        """Return X and y of the centres of cells, shape (n, 2)."""
+        """Return x and y of the centres of cells, shape (n, 2)."""
         a, b, c, d, e, f = tuple(self.transform)[:6]
         u, v = cols + 0.5, rows + 0.5
         return np.column_stack([a * u + b * v + c, d * u + e * v + f])
@@ -236,7 +236,7 @@ def _areas(
 ) -> gpd.GeoDataFrame:
     """Return centres of the source cells of each scenario.
 
-    Of connected ones by themselves if few.
+    Those of connected cells are apart if they are few.
     """
     several = [ndimage.label(label == k, np.ones((3, 3))) for k in range(1, len(names) + 1)]
     if sum(count for _, count in several) > _MOST_AREAS:
@@ -405,7 +405,7 @@ def _forest(folder: _Folder, config_folder: Path, out: Converted) -> None:
 
 
 def _trees(file: Path, folder: _Folder, conifers: FloatArray | None) -> pd.DataFrame:
-    """Return X, y, diameter (cm) and, where stated, share of conifers of each tree."""
+    """Return x, y, diameter (cm) and, where stated, share of conifers of each tree."""
     expected = "x, y, diameter at breast height (cm) and, if wanted, share of conifers (%)"
     wrong = partial(_wrong, file=file, expected=expected)
     lines = [line.replace(",", " ").replace(";", " ").split()

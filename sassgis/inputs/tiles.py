@@ -174,7 +174,7 @@ class Terrain:
     def read(self, part: Part) -> Grid:
         """Return heights of a part of the lattice, NaN where no tile holds one.
 
-        InputLost if a file is.
+        Raises InputLost if a file is lost.
         """
         values = np.full((part.n_rows, part.n_cols), np.nan)
         if self.held is not None:

@@ -105,7 +105,7 @@ def refuse_twice(
 def text_of(value: object) -> str | None:
     """Return a cell of a frame as text, 7.0 as 7.
 
-    None where it is empty: NaN, pandas.NA also as text.
+    It is None where the cell is empty: NaN, pandas.NA also as text.
 
     Names are compared by it: in one Unicode form.
     """
@@ -445,7 +445,7 @@ def cells_under(
 def polygon_of_cells(polygons: Sequence[Feature], grid: Grid) -> NDArray[np.int32]:
     """Find the polygon that covers the centre of each cell: its position, -1 for none.
 
-    Shape of the grid.
+    The array has the shape of the grid.
 
     Where several do, the last one counts. Polygons that count nowhere, or on less than half of
     their area because they are too narrow for the cells, are named in a warning.

@@ -34,7 +34,7 @@ def levels_of(
 ) -> dict[str, str]:
     """Return the highest level of the zones that each object touches, by its name.
 
-    "none" outside all.
+    It is "none" outside all zones.
     """
     highest = np.full(len(placed), -1)
     if len(placed) and zones.polygons.size:

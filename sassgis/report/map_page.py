@@ -41,8 +41,8 @@ _SHOWN = ("hazard_level", "energy", "reach_probability", "passing_height", "retu
 _COUNTS = (("passages", "passages"), ("reach_probability", "reach"), ("stops", "stops"))
 _QUANTILES = ("energy", "passing_height", "speed")
 _BANDS = ("q50", "q95", "max")
-#: Sources that are named of a cell; energies of a curve; dots of a picture; cells that are told
-#: apart.
+#: Sources that are named of a cell; energies of a curve; dots of a picture; cells that are
+#: distinguished.
 _SOURCES, _ENERGIES, _DOTS, _CELLS = 3, 12, 1200, 120_000
 #: Dots from one stripe of a hatched class to the next.
 _STRIPE = 6
@@ -420,7 +420,7 @@ def _shape(
 ) -> dict[str, Any]:
     """Return a geometry with what is said of it.
 
-    Lines, rings of polygons with their holes, points.
+    Geometries are lines, rings of polygons with their holes, or points.
     """
     parts = []
     for part in shapely.get_parts(geometry):

@@ -315,7 +315,7 @@ def _measure_next(added: AddedCauses, verdict: Verdict) -> tuple[str, ...]:
 def _models_of(added: AddedCauses, cause: str) -> list[HypothesisModel]:
     """Return draws of a cause: calibrated, or the one that closes most.
 
-    None of what was not tried.
+    There are none of what was not tried.
     """
     case = added.made.problem.case
     own = added.base if cause in (NONE, CONTACT_LAW) else added.name(cause)

@@ -191,7 +191,7 @@ def zoning_files(config: Config) -> dict[str, Input]:
 def input_digests(config: Config) -> dict[str, str]:
     """Return digests of all files that a configuration names, by file.
 
-    Empty where one cannot be read.
+    They are empty where one cannot be read.
     """
     found = {}
     for file in (input_files(config) | zoning_files(config)).values():

@@ -145,11 +145,11 @@ def simulate_job(
     Parameters
     ----------
     next_round : callable, optional
-        Asked after the rounds of the run, and after each that it gives, for another one; None ends
-        the simulation.
+        Asked after the repetitions of the run, and after each that it returns, for another one;
+        None ends the simulation.
     schedule : str
-        What the rounds depend on: a saved state of another schedule is not used, as it may hold
-        more of them than this one needs.
+        What the repetitions depend on: a saved state of another schedule is not used, as it may
+        hold more of them than this one needs.
     part : str
         Name of the simulation among several for one result.
     sums_only : bool

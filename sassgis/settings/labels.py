@@ -74,7 +74,7 @@ def some_of(names: Sequence[str], shown_as: Callable[[str], str] = repr) -> str:
 def file_stem(name: str) -> str:
     """Return a name as part of a file name that every system takes.
 
-    Letters, digits and underscores.
+    It has letters, digits and underscores.
     """
     plain = "".join(c if c.isalnum() else "_" for c in name).strip("_").lower()
     short = plain.encode()[:_LONGEST_STEM].decode(errors="ignore") or "unnamed"

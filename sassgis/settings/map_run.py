@@ -129,8 +129,8 @@ class MapRun:
     release: ReleaseSettings
     seed: int
     stop_points_max: int = 100_000  # most stop points to keep one by one
-    # How often ``rocks_per_point`` blocks are released; those of the first rounds stay the same
-    # when there are more.
+    # How often ``rocks_per_point`` blocks are released; those of the first repetitions stay the
+    # same when there are more.
     rounds: tuple[Round, ...] = (Round(),)
     thresholds_kj: tuple[float, ...] = ()  # energies that hazard curves must have a value for
     # Exposed objects at which blocks are counted.

@@ -50,7 +50,7 @@ def require_memory(need: Mapping[str, int], file: object = None, most: int | Non
 def memory_bytes(root: Path = Path("/")) -> int | None:
     """Return the memory that this process has and may still take (bytes).
 
-    None where it cannot be known.
+    It is None where it cannot be known.
 
     What the machine has available, or less where a control group (a container, a batch system)
     allows less. ``root`` is where the files of the system lie.

@@ -132,7 +132,7 @@ def refusal(error: InputError) -> PydanticCustomError:
 def composed(text: str) -> str:
     """Return a name in the one of its Unicode forms that all are compared in (NFC).
 
-    ö, not o and dots.
+    That is ö, not o and dots.
     """
     return text if unicodedata.is_normalized("NFC", text) else unicodedata.normalize("NFC", text)
 

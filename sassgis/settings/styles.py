@@ -196,7 +196,7 @@ def categorised_style(
 ) -> VectorStyle:
     """Return one colour per value.
 
-    The symbol in that of each entry, which is (label, ``#rrggbb``).
+    The symbol has the colour of each entry, which is (label, ``#rrggbb``).
     """
     return VectorStyle(
         symbol=symbol,

@@ -168,7 +168,7 @@ def _squares(
 ) -> IntArray:
     """Return squares as of Distribution, of passages of blocks from some points.
 
-    None: of single blocks.
+    ``None`` stands for single blocks.
 
     Has the shape (control lines, bins).
     """

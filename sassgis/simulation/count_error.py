@@ -66,7 +66,7 @@ def widening(freedom: FloatArray | float, tail: float) -> FloatArray | float:
 def pooled_freedom(variances: FloatArray, freedom: Sequence[float]) -> FloatArray:
     """Return degrees of freedom of sums of independent variances, each with its own.
 
-    Infinite for 0.
+    They are infinite for a variance of 0.
 
     After Welch (1947, Biometrika 34: 28-35) and Satterthwaite (1946, Biometrics Bulletin 2:
     110-114). ``variances`` has the shape (n_samples, n).

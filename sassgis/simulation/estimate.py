@@ -151,7 +151,7 @@ def reached_bytes(bins: Bins) -> int:
 def require_profile(config: Config, s: FloatArray, z: FloatArray, rocks: int) -> Bins:
     """Return the bins of a run down a profile.
 
-    InputError if so many blocks do not fit into the memory.
+    Raises InputError if so many blocks do not fit into the memory.
     """
     bins = bins_for(float(np.ptp(z)), config.blocks, config.engine)
     stretches = round(min(float(np.ptp(s)) / STRETCH_M, 1e15))

@@ -237,7 +237,7 @@ def _on_lines(
 def chunks_of(
     planned: Plan, rounds: Sequence[Round] = (Round(),), size: int = CHUNK_POINTS
 ) -> list[Chunk]:
-    """Return the chunks of a plan, round by round; a chunk holds points of one area only."""
+    """Return the chunks of a plan, one repetition after the other; a chunk has one area."""
     area = planned.points.area
     starts = np.flatnonzero(np.diff(area, prepend=-1)) if area.size else np.empty(0, np.int64)
     of_area = [

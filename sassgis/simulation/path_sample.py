@@ -115,7 +115,7 @@ def _on_lines_again(
 ) -> tuple[TraceSet, PreparedLines, Simulated | None]:
     """Simulate some blocks of release points on their lines, with event logs.
 
-    None if all are too short.
+    Returns None if all are too short.
     """
     traces = traced(run, planned, which)
     prepared = prepare_lines(run, traces)

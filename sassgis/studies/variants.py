@@ -422,7 +422,7 @@ def sensitivity_maps(findings: Sequence[VariantFinding], n_ranges: int) -> CellM
 def _energy_ratios(change: FloatArray) -> FloatArray:
     """Return quantiles of 10, 50 and 90 %.
 
-    NaN where too few blocks reach the cell in half of the rows.
+    They are NaN where too few blocks reach the cell in half of the rows.
     """
     out = np.full((3, change.shape[1]), np.nan)
     enough = np.isfinite(change).sum(axis=0) >= 0.5 * len(change)

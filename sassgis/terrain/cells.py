@@ -53,7 +53,7 @@ def grown(values: NDArray[Scalar], size: int) -> NDArray[Scalar]:
 def next_share(start: float, target: float, line: float) -> float:
     """Return the share of the distance from start to target at which ``line`` is met.
 
-    2 if it is not.
+    It is 2 if the line is not met.
     """
     if target > start:
         return (line - start) / (target - start) if line <= target else 2.0

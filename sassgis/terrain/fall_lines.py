@@ -192,7 +192,7 @@ def _trace_line(
 ) -> tuple[FloatArray, int, int]:
     """Trace one line into the buffer ``line`` of rows (u, v, s).
 
-    The buffer, its fill and the LineEnd.
+    Returns the buffer, its fill and the LineEnd.
     """
     line[0, 0], line[0, 1], line[0, 2] = u, v, 0.0
     size = 1
@@ -297,7 +297,7 @@ def _coasting_step(limit: float, rate: float, turn: float, bend: float) -> float
 def _length(a: float, b: float) -> float:
     """Return the length of a vector.
 
-    Several times faster than hypot, as it has no guard against overflow.
+    It is several times faster than hypot, as it has no guard against overflow.
     """
     return float(np.sqrt(a * a + b * b))
 

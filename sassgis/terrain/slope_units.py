@@ -213,7 +213,7 @@ def cliff_patches(
 ) -> NDArray[np.int32]:
     """Return number of the patch of connected cells that are steep enough, from 1 by falling size.
 
-    Else 0.
+    It is 0 elsewhere.
 
     Cells count from ``threshold_deg`` on, those known to be ``rock`` from ``rock_deg`` on. Patches
     of less than ``least_cells`` are left out. Cells that touch at a corner only are in different

@@ -77,7 +77,7 @@ def sphericity(a: float, b: float, c: float) -> float:
 def resistance(drag: Drag, a: float, b: float, c: float, mass: float) -> float:
     """Return K of the deceleration K v² (1/m).
 
-    ½ ρ C_d A / m, A the mean section of the tumbling block.
+    K = ½ ρ C_d A / m, A the mean section of the tumbling block.
 
     The mean shadow of a convex body is a quarter of its surface (Cauchy).
     """

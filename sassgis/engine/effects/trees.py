@@ -270,7 +270,7 @@ def gain_over(
 def longest_step(stand: Stand, stems: float, mass: float) -> float:
     """Return the longest time between two turns of the viscous force (s).
 
-    A tenth of the speed, or 5 ms.
+    It is a tenth of the speed, or 5 ms.
     """
     if not brakes(stand, stems):
         return np.inf

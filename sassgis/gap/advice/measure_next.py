@@ -394,7 +394,7 @@ def _rocks(difference: float) -> float:
 def _difference(one: FloatArray, other: FloatArray) -> float:
     """Return the mean difference of a rock in two models over its scatter.
 
-    Less where few rocks show it.
+    It is less where few rocks show it.
 
     0 where the draws of the models differ by as much: more rocks do not help then.
     """

@@ -265,7 +265,7 @@ def loose_classes(case: Case, draws: ParameterDraws) -> tuple[str, ...]:
 def on_its_classes(effect: str) -> Placing:
     """Return reaches with the classes that most fitted models have an effect on.
 
-    All without any.
+    All reaches count if there are no such classes.
     """
 
     def place(case: Case, models: Sequence[HypothesisModel]) -> tuple[str, ...]:
@@ -321,7 +321,7 @@ def contact_gaps(residuals: ResidualTable, quantity: str) -> tuple[StepTable, Fl
 
 
 def beyond_any_law(rows: StepTable, z: FloatArray) -> FloatArray:
-    """Return Z less a smooth function of speed and ground: what no law of the contact could do."""
+    """Return z less a smooth function of speed and ground: what no law of the contact could do."""
     grounds = [(rows.ground == k).astype(np.float64) for k in np.unique(rows.ground).tolist()[1:]]
     speed = np.log(np.maximum(rows.vn_mps, 0.2))
     design = np.column_stack([np.ones(len(rows)), speed, rows.predicted / 10.0, *grounds])
@@ -332,7 +332,7 @@ def beyond_any_law(rows: StepTable, z: FloatArray) -> FloatArray:
 def loss_of_flights(rows: StepTable) -> tuple[StepTable, FloatArray, FloatArray]:
     """Return flights, what they lost (J/kg), and that in standard deviations.
 
-    Unseen if there are few.
+    Raises Unseen if there are few.
     """
     if len(rows) < 2 * LEAST:
         raise Unseen
@@ -343,7 +343,7 @@ def loss_of_flights(rows: StepTable) -> tuple[StepTable, FloatArray, FloatArray]
 def gaps_by_reach(residuals: ResidualTable, quantity: str) -> dict[str, FloatArray]:
     """Return gaps of a quantity by the name of the reach, shape (n_rocks,) each.
 
-    Unseen without any.
+    Raises Unseen without any.
 
     Reaches where too few rocks have one are left out. Gaps of the speed are relative to what is
     predicted, so that fast reaches do not outweigh the others.

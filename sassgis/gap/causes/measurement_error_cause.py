@@ -100,7 +100,7 @@ def _measured(prints: Mapping[str, tuple[float, float]]) -> Mapping[str, float]:
 def _speed_ratios(case: Case) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Return speeds as stated over those from positions and times, of each rock.
 
-    Log, usual scatter.
+    They are logarithms with their usual scatter.
 
     And how much of it is the correction of distances for errors of position.
     """
@@ -180,7 +180,7 @@ def _passing(case: Case, residuals: ResidualTable) -> Scores:
 def _against_falls(case: Case, residuals: ResidualTable) -> Scores:
     """Return energy gained between two contacts over that which gravity gives.
 
-    The square of the scale.
+    This is the square of the scale.
 
     Air, stems and contacts that were missed take energy: only a scale above 1 is certain.
     """

@@ -212,7 +212,7 @@ def _of_impacts(
 def _moments(values: FloatArray, has: FloatArray, by: FloatArray) -> FloatArray:
     """Return means, logarithms of scatters, and covariances with ``by``, of the last axis.
 
-    NaN of few.
+    They are NaN for few values.
     """
     total = has.sum(axis=(0, 1))
     few, total = total < _FEWEST, np.maximum(total, 1e-9)

@@ -86,7 +86,7 @@ def impact_scores(
 ) -> FloatArray:
     """Return energy score of the impacts of each rock, mean over them, shape (n_rocks,).
 
-    0 without any.
+    It is 0 for rocks without impacts.
 
     It is over the root of the number of quantities, as those of other tables are. The unit of each
     quantity is its scatter among the observed impacts.

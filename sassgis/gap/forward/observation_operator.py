@@ -328,7 +328,7 @@ def impacts_of(logs: Sequence[NDArray[np.void]]) -> tuple[NDArray[np.void], IntA
 
 
 def _places(grid: Grid, events: NDArray[np.void]) -> tuple[FloatArray, FloatArray]:
-    """Return X and y of events on paths that are followed (m)."""
+    """Return x and y of events on paths that are followed (m)."""
     x: FloatArray = grid.west + events["u"] * grid.cell_size
     y: FloatArray = grid.north - events["v"] * grid.cell_size
     return x, y

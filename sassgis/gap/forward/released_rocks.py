@@ -183,7 +183,7 @@ def _on_map(
 ) -> tuple[FloatArray, FloatArray]:
     """Return places at chainages of fall lines and next to them.
 
-    On the line where no height is known.
+    They are on the line where no height is known.
 
     Lines go straight on behind their beginning.
     """

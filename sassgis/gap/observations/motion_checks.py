@@ -266,7 +266,7 @@ def _apart(points: FloatArray, span: float) -> IntArray:
 def fall_scale(obs: Observations, grid: Grid | None) -> tuple[float, float, int]:
     """Return speeds at impacts over those that the falls between them give.
 
-    Middle, lower bound, flights.
+    These are the middle, the lower bound and the number of flights.
 
     Energy gained from one impact to the next over that of the fall is the square of it. Air, stems
     and impacts that were not recorded only take energy, so that a scale above 1 is certain. The

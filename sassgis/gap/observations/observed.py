@@ -141,7 +141,7 @@ class Observations:
     def of_rocks(self, values: FloatArray | BoolArray) -> FloatArray:
         """Return a column of the table of rocks, in the order of ``rock_names``.
 
-        NaN for other rocks.
+        It is NaN for other rocks.
         """
         stated = dict(zip(self.rocks.rock_id.tolist(), values.tolist(), strict=True))
         return np.array([stated.get(name, math.nan) for name in self.rock_names], np.float64)
@@ -165,7 +165,7 @@ class Observations:
 def parent_of(rock_id: str) -> str | None:
     """Return the rock that a fragment broke from, only by its name: R7 for R7.2.
 
-    None without a suffix.
+    It is None without a suffix.
     """
     stem, dot, suffix = rock_id.rpartition(".")
     return stem if dot and stem and suffix else None
@@ -428,7 +428,7 @@ def heights_m(points: Table, grid: Grid | None) -> FloatArray:
 def height_errors_m(points: Table, grid: Grid | None, position_m: float) -> FloatArray:
     """Return the error of ground heights by an error of the place (m).
 
-    Else 0.
+    It is 0 for stated heights.
     """
     own = points.numbers
     if grid is None:

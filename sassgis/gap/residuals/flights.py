@@ -309,7 +309,7 @@ def _smooth(values: FloatArray) -> FloatArray:
 
 
 def _impact_points(case: Case) -> dict[int, tuple[FloatArray, FloatArray]]:
-    """Return X and y of the impacts of each whole rock (m)."""
+    """Return x and y of the impacts of each whole rock (m)."""
     impacts = case.observations.impacts
     rock = case.observations.whole_of("impacts")
     own = (rock >= 0) & np.isfinite(impacts.x + impacts.y)

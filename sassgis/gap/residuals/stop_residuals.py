@@ -219,7 +219,7 @@ def passages_of(
 ) -> tuple[AtStations, BoolArray, FloatArray]:
     """Return passages as arrays by rock, replicate and station.
 
-    Of a rock and its fragments the rock's.
+    Of a rock and its fragments they are the rock's.
 
     ``rock`` and ``draw`` are those of each passage.
     """
@@ -321,7 +321,7 @@ def side_error(case: Case, stop: bool = False) -> float:
 def _ends_error(case: Case, stop: bool) -> float:
     """Return the error of measurement at both ends of an offset (m).
 
-    The start, and the passage or stop.
+    The ends are the start, and the passage or stop.
     """
     error = errors_of(case)
     return math.hypot(error.position_m, error.stop_m if stop else error.position_m)

@@ -243,7 +243,7 @@ def shares_of(
 def _second(added: AddedCauses, first: str, weights: CauseWeights, frozen: Thresholds) -> str:
     """Return a second cause in addition to the first.
 
-    There is evidence left once the first is in the model.
+    There is remaining evidence once the first is in the model.
     """
     case = added.made.problem.case
     families = tuple(name for name in families_to_try(case) if name != first)

@@ -205,7 +205,7 @@ def used_lines(case: Case) -> list[int]:
 def observed_end(case: Case) -> float:
     """Return the chainage beyond which nothing was observed (m).
 
-    Infinite if no point has a chainage.
+    It is infinite if no point has a chainage.
     """
     known = np.concatenate([p.s[np.isfinite(p.s)] for p in case.projected.values()])
     return float(known.max()) if known.size else math.inf

@@ -55,7 +55,7 @@ def share_of(
 ) -> tuple[float, Range | None]:
     """Return the share of the gap ``above`` (model before) that is closed ``below`` (after).
 
-    95 % interval.
+    With its 95 % interval.
 
     ``drawn``: both in bootstrap samples, shape (samples,) each; one without a gap is left out.
     """
@@ -89,7 +89,7 @@ class Ladder:
     def gain(self, simpler: str, rung: str) -> Interval | None:
         """Return the distance of a simpler model less that of another.
 
-        None where nothing was compared.
+        It is None where nothing was compared.
         """
         if not {simpler, rung} <= self._found.keys():
             return None

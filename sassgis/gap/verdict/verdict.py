@@ -59,7 +59,7 @@ def fingerprints(case: Case, residuals: ResidualTable) -> tuple[Fingerprint, ...
 
 
 def _tested(one: Scores, group: IntArray) -> tuple[float, float, int]:
-    """Return Z of the mean over groups, one-sided p, and groups that have a value."""
+    """Return z of the mean over groups, one-sided p, and groups that have a value."""
     groups = int(group.max()) + 1
     own_null = one.values.size == 1
     values = np.zeros(groups) if own_null else per_rock(one.values, group, groups)
@@ -188,7 +188,7 @@ def seen_of(
 ) -> tuple[str, ...]:
     """Return families that these data could show.
 
-    By a separate fingerprint, or by what they close.
+    They show by a separate fingerprint, or by what they close.
 
     Paths in time could show theirs wherever they were recorded; so could masses, unless the one
     that a family adds may lie in the gap that another one leaves. Other fingerprints that no

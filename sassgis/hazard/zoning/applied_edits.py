@@ -54,7 +54,7 @@ class AppliedEdit:
 def shares_text(shares: Mapping[str, float]) -> str:
     """Return shares of levels as the column ``computed`` has them.
 
-    "mean 62 %, residual_hazard 38 %".
+    An example is "mean 62 %, residual_hazard 38 %".
     """
     return ", ".join(f"{code} {100.0 * share:.0f} %" for code, share in shares.items())
 
@@ -62,7 +62,7 @@ def shares_text(shares: Mapping[str, float]) -> str:
 def shares_of_text(text: str) -> dict[str, float]:
     """Return shares of levels from their text.
 
-    What it does not name has no level. Empty if it is none.
+    What the text does not name has no level. Empty if the text is no such list.
     """
     shares: dict[str, float] = {}
     for code, share in re.findall(r"([A-Za-z]\w*) ([0-9.]+) %", text):

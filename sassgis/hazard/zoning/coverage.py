@@ -43,7 +43,7 @@ def faces_of(areas: Sequence[Any]) -> NDArray[Any]:
 def classes_of(faces: NDArray[Any], stack: Sequence[Any]) -> IntArray:
     """Return the class of each face: the number of the last area of a stack that holds it.
 
-    0 for none.
+    It is 0 for none.
     """
     inside = shapely.point_on_surface(faces)
     x, y = shapely.get_x(inside), shapely.get_y(inside)
@@ -55,7 +55,7 @@ def classes_of(faces: NDArray[Any], stack: Sequence[Any]) -> IntArray:
 
 
 def without_threads(faces: NDArray[Any], classes: IntArray) -> IntArray:
-    """Return classes of faces.
+    """Return classes of faces without threads.
 
     One that is nowhere 0.2 m wide joins the next higher one that it borders.
 

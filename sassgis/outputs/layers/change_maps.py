@@ -70,7 +70,7 @@ def zone_changes(
 ) -> tuple[VectorLayer, pd.DataFrame] | None:
     """Return parts of the zones by what becomes of their level, and their areas.
 
-    None without zones.
+    It is None without zones.
     """
     if before.zones is None or after.zones is None:
         return None

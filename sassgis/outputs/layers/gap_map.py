@@ -240,7 +240,7 @@ def impact_layer(case: Case) -> VectorLayer:
 def stand_polygon(case: Case, stand: tuple[float, float]) -> shapely.MultiPolygon:
     """Return the area of a stand between two chainages of the fall lines (m).
 
-    Empty where none reaches it.
+    It is empty where no line reaches it.
 
     The stretches of the fall lines widened to both sides, as far as it takes to join neighbours.
     """

@@ -231,7 +231,7 @@ def control_line_layers(run: MapRun, progress: Progress) -> list[VectorLayer]:
 def cell_outlines(numbers: NDArray[Any], grid: Grid) -> Iterator[tuple[Any, int]]:
     """Yield patches of cells with the same number above 0.
 
-    Outline with the corners of cells, number.
+    Each is an outline with the corners of cells, and the number.
 
     Cells that touch at a corner only are separate patches.
     """

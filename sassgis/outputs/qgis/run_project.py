@@ -338,7 +338,7 @@ def zone_layouts(
 def onset_words(rules: Rules) -> str:
     """Return onset frequencies by scenario.
 
-    Of each release area, or from the least to the greatest.
+    They are those of each release area, or from the least to the greatest.
     """
     by_scenario: dict[str, list[float]] = {}
     for (_, scenario), frequency in rules.frequencies.items():

@@ -197,7 +197,7 @@ def checked_values(
 def _broken_rule(values: Mapping[str, Any]) -> tuple[str, str, object, str] | None:
     """Return the constraint of the model that values do not keep.
 
-    Attribute, problem, found, expected.
+    The values are attribute, problem, found, expected.
     """
     if "extreme_scenario" in values:
         years, extreme = values["return_period_in_years"], values["extreme_scenario"]

@@ -264,7 +264,7 @@ def _value_label(value: float, _: object = None) -> str:
 def _layer_panel(layer: RasterLayer) -> tuple[MapPanel, FloatArray]:
     """Return a layer in its classes, those of its breaks, or as a ramp.
 
-    And the values that it shows.
+    The second value is the values that it shows.
     """
     values = shown_values(layer.bands[0])
     if layer.classes:

@@ -28,7 +28,7 @@ MAX_CELLS = 900
 def footprint(grid: Grid, values: FloatArray | None, others: FloatArray) -> Extent:
     """Return the extent of what is shown, with a margin, cut to the grid.
 
-    All of it where nothing is shown.
+    It is the whole grid where nothing is shown.
 
     Shown are cells of ``values`` that are not NaN, and those of the ``others``, coordinates of
     shape (n, 2), that lie within the grid.
