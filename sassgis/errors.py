@@ -59,13 +59,13 @@ class InputError(SassgisError):
         super().__init__(f"{line} ({detail})" if detail else line)
 
     def parts(self, **other: object) -> dict[str, Any]:
-        """What it was made of, to make one that says ``other`` things of the same fault."""
+        """Return its parts, to make one that says ``other`` things of the same fault."""
         names = ("problem", "file", "field", "found", "expected")
         return {name: getattr(self, name) for name in names} | other
 
 
 def chain(error: BaseException) -> Iterator[BaseException]:
-    """An error, and those from which it came."""
+    """Yield an error, and those from which it came."""
     seen: set[int] = set()
     current: BaseException | None = error
     while current is not None and id(current) not in seen:
@@ -86,7 +86,7 @@ _REFUSED = {getattr(errno, name, None) for name in _NUMBERS.split()}
 
 
 def of_the_system(error: BaseException) -> str:
-    """What the system has refused, in words; empty where an error is of another kind."""
+    """State in words what the system refused; empty where an error is of another kind."""
     text = str(error).lower()
     if isinstance(error, MemoryError) or any(words in text for words in _MEMORY_WORDS):
         return "not enough memory; fewer release points or larger cells need less"
@@ -109,7 +109,7 @@ def _too_little(limit: int) -> str:
 
 
 def _memory_limit() -> int:
-    """Memory that this process may have (bytes); 0 if nothing limits it."""
+    """Return the memory that this process may have (bytes); 0 if nothing limits it."""
     try:
         import resource
     except ImportError:  # pragma: no cover
@@ -119,7 +119,7 @@ def _memory_limit() -> int:
 
 
 def shown(part: object) -> str:
-    """A part of a message: of inputs of any length, without what would steer a terminal."""
+    """Return a part of a message: of inputs of any length, without what would steer a terminal."""
     text = " ".join(str(part).split())
     if len(text) > _FIRST + _LAST:
         text = f"{text[:_FIRST]} ... {text[-_LAST:]}"

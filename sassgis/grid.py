@@ -55,7 +55,7 @@ class Grid:
         )
 
     def part(self, rows: slice, cols: slice) -> Grid:
-        """The cells of some rows and columns, which have a first and a last one."""
+        """Return the cells of some rows and columns, which have a first and a last one."""
         return replace(
             self,
             values=self.values[rows, cols],
@@ -64,17 +64,20 @@ class Grid:
         )
 
     def uv(self, x: FloatArray, y: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Fractional numbers of cells from the west and the north edge to points."""
+        """Return fractional numbers of cells from the west and the north edge to points."""
         u, v = np.asarray(x, float) - self.west, self.north - np.asarray(y, float)
         return u / self.cell_size, v / self.cell_size
 
     def col_row(self, x: FloatArray, y: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Fractional column and row of points; the centre of cell (row i, col j) is (j, i)."""
+        """Return fractional column and row of points.
+
+        The centre of cell (row i, col j) is (j, i).
+        """
         u, v = self.uv(x, y)
         return u - 0.5, v - 0.5
 
     def cell_of(self, x: FloatArray, y: FloatArray) -> IntArray:
-        """Flat index (row * n_cols + col) of the cells that hold the points; -1 outside."""
+        """Return flat index (row * n_cols + col) of the cells that hold the points; -1 outside."""
         n_rows, n_cols = self.shape
         col, row = (np.floor(own) for own in self.uv(x, y))
         inside = (col >= 0) & (col < n_cols) & (row >= 0) & (row < n_rows)
@@ -82,13 +85,13 @@ class Grid:
         return np.where(inside, row * n_cols + col, np.int64(-1))
 
     def value_at(self, x: FloatArray, y: FloatArray) -> FloatArray:
-        """Values of the cells that hold the points; NaN outside."""
+        """Return values of the cells that hold the points; NaN outside."""
         cells = self.cell_of(x, y)
         values: FloatArray = np.where(cells < 0, np.nan, self.values.ravel()[np.maximum(cells, 0)])
         return values
 
     def cell_centres(self, cells: IntArray) -> tuple[FloatArray, FloatArray]:
-        """X and y (m) of the centres of flat cell indices."""
+        """Return x and y (m) of the centres of flat cell indices."""
         n_cols = self.shape[1]
         row, col = np.divmod(np.asarray(cells, np.int64), n_cols)
         return (self.west + (col + 0.5) * self.cell_size, self.north - (row + 0.5) * self.cell_size)

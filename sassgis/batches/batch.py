@@ -1,4 +1,4 @@
-"""Many release areas over a large terrain model: each alone, and all of them on one map.
+"""Many release areas over a large terrain model: each by itself, and all of them on one map.
 
 Each area is zoned on the part of the terrain model that its fall lines need, and keeps its sums in
 its folder. The mosaic is added up from these files: frequencies of areas add. Areas are taken in
@@ -59,13 +59,13 @@ _CHANGED = (
 )
 #: Bytes of a process that runs small areas.
 _PROCESS = 800 << 20
-#: From so many areas for each core on, every core has areas of its own.
+#: From so many areas for each core on, every core has separate areas.
 _AREAS_PER_CORE = 4
 
 
 @dataclass(frozen=True, slots=True)
 class BatchResult:
-    """What a batch left.
+    """Result of a batch.
 
     Attributes
     ----------
@@ -97,7 +97,7 @@ def batch(
     on_progress: OnProgress | None = None,
     say: Callable[[str], None] | None = None,
 ) -> BatchResult:
-    """Zone many release areas one by one, and put them together on one map.
+    """Return zone many release areas one by one, and put them together on one map.
 
     Results that are complete and were made from the same settings and inputs are kept.
 
@@ -108,13 +108,13 @@ def batch(
     out : path
         Folder to write: ``areas/<name>/`` for each area, ``mosaic/`` and ``summary.csv``.
     config : path, optional
-        Everything else; default the only TOML file in the folder, or beside the file.
+        Everything else; default the only TOML file in the folder, or next to the file.
     dem : path, optional
         In place of that of the configuration: a raster, a VRT or a folder of tiles.
     overwrite : bool
         Whether results that were made from other settings or inputs may be replaced.
     mosaic_only : bool
-        Whether areas keep only their sums, without maps, zones and a report of their own.
+        Whether areas keep only their sums, without maps, zones and a separate report.
     memory_gb : float, optional
         Memory that all processes together may take (GB): it limits the number of areas at work,
         and larger mosaics are made block by block. The part of the terrain that one area needs
@@ -193,7 +193,7 @@ def _check_folder(folder: Path) -> None:
 
 
 def _stale(folder: Path, records: dict[str, Record]) -> tuple[str, ...]:
-    """Results of areas that are not part of the mosaic."""
+    """Return results of areas that are not part of the mosaic."""
     areas = folder / AREAS_NAME
     return tuple(
         f"{f} is left from an earlier batch and not part of the mosaic."
@@ -209,7 +209,7 @@ def _summary(
     rules: Rules,
     kept: Mapping[str, Record],
 ) -> BatchSummary:
-    """The table of all areas, with those that are there already."""
+    """Return the table of all areas, with those that are there already."""
     given = config.release_source
     base = Path() if isinstance(given, InMemory) else given if given.is_dir() else given.parent
     summary = BatchSummary(
@@ -244,7 +244,7 @@ def _relative(file: Input | None, base: Path) -> str:
 def batch_config(
     given: str | Path | Config, config: str | Path | None, dem: str | Path | None, seed: int | None
 ) -> Config:
-    """The configuration, with the release areas in it."""
+    """Return the configuration, with the release areas in it."""
     if isinstance(given, Config):
         return configured(given, seed)
     releases = Path(given)
@@ -268,7 +268,7 @@ def batch_config(
 
 
 def _beside(releases: Path) -> Path:
-    """The only configuration in the folder of the release areas."""
+    """Return the only configuration in the folder of the release areas."""
     folder = releases if releases.is_dir() else releases.parent
     found = sorted(folder.glob("*.toml"))
     if len(found) != 1:
@@ -282,7 +282,7 @@ def _beside(releases: Path) -> Path:
 
 
 def find_areas(config: Config) -> list[Candidate]:
-    """All release areas that the configuration names, by name; shapes are not looked at.
+    """Return all release areas that the configuration names, by name; shapes are not looked at.
 
     ``release.file`` may be a folder: then an area is named by its ``name_field`` or, in files
     without it, by the file.
@@ -320,7 +320,7 @@ def find_areas(config: Config) -> list[Candidate]:
 
 
 def _release_files(config: Config, folder: Path) -> list[Path]:
-    """Vector files of the folder of release areas that serve no other purpose."""
+    """Return vector files of the folder of release areas that serve no other purpose."""
     others = {
         f.resolve()
         for f in (
@@ -348,7 +348,7 @@ def _release_files(config: Config, folder: Path) -> list[Path]:
 
 
 def _named(release: ReleaseSettings, by_file: bool) -> list[tuple[str, ReleaseSettings, int, str]]:
-    """Name, settings, number and problem of each area of a file."""
+    """Return name, settings, number and problem of each area of a file."""
     assert release.file is not None
     stem = release.file.stem if by_file else "area"
     try:
@@ -375,9 +375,9 @@ def _named(release: ReleaseSettings, by_file: bool) -> list[tuple[str, ReleaseSe
 
 @dataclass(frozen=True, slots=True)
 class AreaOutcome:
-    """What became of an area: its record, or why it is skipped; and the seconds that it took.
+    """Outcome of an area: its record, or why it is skipped; and the seconds that it took.
 
-    What there was to tell of saved states comes with it from a process that nobody listens to.
+    What there was to say of saved states comes with it from a process that nobody listens to.
     """
 
     record: Record | None
@@ -388,7 +388,7 @@ class AreaOutcome:
 
 @dataclass(frozen=True, slots=True)
 class _Common:
-    """What the areas have in common."""
+    """Data common to the areas."""
 
     setting: Setting
     folder: Path
@@ -439,7 +439,7 @@ def outcomes(
 
 
 def _at_once(setting: Setting, jobs: Jobs, memory_bytes: int | None, n: int) -> int:
-    """How many of so many areas are at work at the same time, each on one core; 1 if few."""
+    """Count the areas at work at the same time, each on one core; 1 if few."""
     asked = workers_asked(setting.config, jobs)
     at_once = asked if isinstance(asked, int) else 1
     if memory_bytes is not None:
@@ -448,7 +448,7 @@ def _at_once(setting: Setting, jobs: Jobs, memory_bytes: int | None, n: int) -> 
 
 
 def _alone(common: _Common, candidate: Candidate) -> AreaOutcome:
-    """In a process of its own: one area on one core."""
+    """Zone one area in a separate process on one core."""
     told: list[str] = []
     outcome = _outcome(common, candidate, 1, None, told.append)
     return replace(outcome, told=tuple(text for text in told if text.startswith(UNFIT)))
@@ -472,7 +472,7 @@ def _outcome(
 
 
 def _why_skipped(error: Exception) -> str:
-    """Why an area is skipped; errors that are not about the area are raised again."""
+    """State why an area is skipped; errors that are not about the area are raised again."""
     if isinstance(error, InputError):
         return str(error)
     # Compiled code that Ctrl-C strikes turns it into a SystemError.

@@ -94,7 +94,7 @@ class Candidate:
 
 @dataclass(frozen=True, slots=True)
 class Setting:
-    """What all areas of a batch share.
+    """Data shared by all areas of a batch.
 
     Attributes
     ----------
@@ -119,7 +119,10 @@ class Setting:
     sums_only: bool
 
     def outline(self) -> Grid:
-        """The whole terrain model without heights; made anew, as processes would get it in full."""
+        """Return the whole terrain model without heights.
+
+        It is made anew, as processes would get it in full.
+        """
         return self.terrain.outline()
 
 
@@ -154,7 +157,7 @@ def read_setting(
 
 
 def shared_digest(config: Config) -> str:
-    """Fingerprint of the settings and of the files that all areas share."""
+    """Return the fingerprint of the settings and of the files that all areas share."""
     own = replace(
         config,
         terrain=replace(config.terrain, dem=None),
@@ -172,7 +175,7 @@ def shared_digest(config: Config) -> str:
 
 
 def area_feature(setting: Setting, candidate: Candidate) -> Feature:
-    """The feature of an area, checked against the terrain model.
+    """Return the feature of an area, checked against the terrain model.
 
     Raises
     ------
@@ -187,14 +190,14 @@ def area_feature(setting: Setting, candidate: Candidate) -> Feature:
 def _area_on(
     setting: Setting, candidate: Candidate, feature: Feature, part: Part
 ) -> tuple[Grid, ReleaseArea]:
-    """The terrain of a part, and the area checked against it."""
+    """Return the terrain of a part, and the area checked against it."""
     grid = setting.terrain.read(part)
     names = setting.config.block_names
     return grid, release_area(feature, candidate.name, candidate.release, grid, names)
 
 
 def _control_lines_in(setting: Setting, grid: Grid) -> tuple[int, ...]:
-    """Stations and barriers that meet a part of the terrain."""
+    """Return stations and barriers that meet a part of the terrain."""
     return meeting([trace for _, trace in setting.control_lines], grid)
 
 
@@ -205,7 +208,7 @@ def _fingerprint(
     area: ReleaseArea,
     frequencies: dict[tuple[str, str], float],
 ) -> str:
-    """Of all that the result of an area hangs on."""
+    """Return the fingerprint of all that the result of an area depends on."""
     head = [
         setting.digest,
         area.name,
@@ -228,7 +231,7 @@ def kept_areas(
     tell: Callable[[str], None],
     at_once: int = 1,
 ) -> dict[str, Record]:
-    """Areas that are complete and were made from the same settings and inputs.
+    """Return areas that are complete and were made from the same settings and inputs.
 
     Parameters
     ----------
@@ -263,7 +266,7 @@ def kept_areas(
 
 
 def _kept(setting: Setting, there: tuple[Candidate, Path]) -> tuple[Record | None, list[str]]:
-    """What is known of an area if it is complete and of the same inputs, and what to say of it."""
+    """Return the record of an area if it is complete and of the same inputs, and a note on it."""
     candidate, own = there
     told: list[str] = []
     record = read_record(own, told.append)
@@ -289,7 +292,7 @@ def run_area(
     on_progress: OnProgress | None,
     tell: Callable[[str], None],
 ) -> Record:
-    """Zone one area into its folder.
+    """Return zone one area into its folder.
 
     Where followed paths or fall lines come to the edge of its part of the terrain, it begins anew
     on a wider one.
@@ -307,7 +310,7 @@ def run_area(
 
 
 def _own_config(setting: Setting, candidate: Candidate) -> Config:
-    """The configuration for one area."""
+    """Return the configuration for one area."""
     return replace(
         setting.config,
         release=candidate.release,
@@ -318,7 +321,7 @@ def _own_config(setting: Setting, candidate: Candidate) -> Config:
 
 
 def _cut(setting: Setting, candidate: Candidate, margins: Sides) -> Windowed:
-    """The run of an area on its part of the terrain, with ground and forest."""
+    """Return the run of an area on its part of the terrain, with ground and forest."""
     config = _own_config(setting, candidate)
     with collected_notices() as notices:
         feature = area_feature(setting, candidate)
@@ -358,7 +361,7 @@ def _run_cut(
     on_progress: OnProgress | None,
     tell: Callable[[str], None],
 ) -> Record:
-    """Zone one area on its part of the terrain."""
+    """Return zone one area on its part of the terrain."""
     config, run = _own_config(setting, candidate), cut.run
     frequencies = yearly_frequencies(config, run.areas, setting.names)
     placed = setting.rules.placed
@@ -420,7 +423,7 @@ def _run_cut(
 
 
 def _write_sums_manifest(work: Path, config: Config, done: Simulation) -> None:
-    """What makes the sums of an area a result; its inputs are listed with the mosaic."""
+    """Write what makes the sums of an area a result; its inputs are listed with the mosaic."""
     write_manifest(
         work / MANIFEST_NAME,
         inputs={},
@@ -437,7 +440,7 @@ def _write_sums_manifest(work: Path, config: Config, done: Simulation) -> None:
 
 
 def _counted(progress: Progress, n_cols: int) -> tuple[int, int, int, int]:
-    """First row and column of the counts, and how many rows and columns they take."""
+    """Return the first row and column of the counts, and how many rows and columns they take."""
     own = [progress.sums.cells, *(t.cells.counts().places for t in progress.sources.values())]
     row, col = np.divmod(np.concatenate(own), n_cols)
     if not row.size:
@@ -447,7 +450,7 @@ def _counted(progress: Progress, n_cols: int) -> tuple[int, int, int, int]:
 
 
 def _zones_m2(found: Assessment, rules: Rules) -> dict[str, float]:
-    """Area of the zones by the code of the hazard level."""
+    """Return the area of the zones by the code of the hazard level."""
     levels = found.hazard.levels
     return {
         level.code: round(float(sum(p.area for p in levels.polygons[levels.classes == k])), 1)
@@ -456,5 +459,5 @@ def _zones_m2(found: Assessment, rules: Rules) -> dict[str, float]:
 
 
 def no_ground(grid: Grid) -> NDArray[np.int32]:
-    """Ground of no account, which takes no memory."""
+    """Return the ground of no account, which takes no memory."""
     return np.broadcast_to(np.zeros(1, np.int32), grid.shape)

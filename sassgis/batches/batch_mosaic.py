@@ -95,7 +95,7 @@ class Maps(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class Mosaic:
-    """What all blocks of a mosaic have in common.
+    """Data common to all blocks of a mosaic.
 
     Attributes
     ----------
@@ -183,7 +183,7 @@ def write_mosaic(
 
 
 def kept_mosaic(folder: Path, fingerprint: str, memory_bytes: int | None) -> tuple[str, ...] | None:
-    """Warnings of the mosaic that is there; None if it is another, or can be completed.
+    """Return warnings of the mosaic that is there; None if it is another, or can be completed.
 
     What was left out for want of memory is made as soon as ``memory_bytes`` are enough for it.
     """
@@ -231,7 +231,7 @@ def _mosaic(setting: Setting, areas: Sequence[Reached]) -> Mosaic:
 
 
 def _said(areas: Sequence[Reached]) -> tuple[str, ...]:
-    """What there is to say of the areas."""
+    """Return warnings and notes on the areas."""
     said = dict.fromkeys(text for a in areas for text in a.record.notices)
     if len({a.record.repetitions for a in areas}) > 1:
         said[
@@ -299,19 +299,19 @@ def _write_one_block(
 
 
 def bytes_needed(place: Part, areas: Sequence[Reached], bins: Bins) -> int:
-    """Memory that the maps of a place take (bytes), with all that its areas have counted there."""
+    """Estimate the memory (bytes) of the maps of a place, with all that its areas counted there."""
     reached = math.ceil(sum(a.record.reached * _share_in(a, place) for a in areas))
     return BASE + place.n_rows * place.n_cols * _PER_CELL + reached * reached_bytes(bins)
 
 
 def _share_in(area: Reached, place: Part) -> float:
-    """How much of the part in which an area has counted lies in a place."""
+    """Return the share within a place of the part in which an area has counted."""
     own, here = area.counted, area.counted.common(place)
     return 0.0 if here is None else here.n_rows * here.n_cols / (own.n_rows * own.n_cols)
 
 
 def shared(memory_bytes: int, cores: int) -> tuple[int, int]:
-    """How many blocks may be at work at the same time, and the memory of each (bytes).
+    """Count the blocks that may be at work at the same time, and the memory of each (bytes).
 
     As many results wait to be written, in this process, as are at work.
     """
@@ -325,7 +325,7 @@ def shared(memory_bytes: int, cores: int) -> tuple[int, int]:
 def divided(
     place: Part, areas: Sequence[Reached], bins: Bins, memory_bytes: int
 ) -> list[tuple[Part, list[Reached]]]:
-    """Blocks of a place that fit into the memory, with the areas that meet each.
+    """Return blocks of a place that fit into the memory, with the areas that meet each.
 
     Blocks are halved until they fit; those of one tile of the files are not divided any more.
     """
@@ -408,7 +408,7 @@ def _write_maps(
     cores: int,
     tell: Callable[[str], None],
 ) -> Maps:
-    """Write the maps of all blocks, as ``divided`` gives them, several at a time.
+    """Write the maps of all blocks, as ``divided`` returns them, several at a time.
 
     Returns
     -------
@@ -445,7 +445,7 @@ def _finish(_: None, unfinished: Unfinished) -> None:
 
 
 def _maps_of(mosaic: Mosaic, block: tuple[Part, Sequence[Reached]]) -> Maps:
-    """The maps of a block; only that of the terrain where no area has counted anything."""
+    """Return the maps of a block; only that of the terrain where no area has counted anything."""
     (place, areas), rules, config = block, mosaic.setting.rules, mosaic.setting.config
     grid = mosaic.setting.terrain.read(place)
     total = added_up(mosaic.run, place, areas, mosaic.bins)
@@ -464,7 +464,7 @@ def _maps_of(mosaic: Mosaic, block: tuple[Part, Sequence[Reached]]) -> Maps:
 
 
 def _sources(run: MapRun, areas: Sequence[Reached], total: Progress) -> list[Sampled]:
-    """What was added up by source."""
+    """Return the sums by source."""
     # Outlines are of no account here.
     named = tuple(ReleaseArea(a.name, None, tuple(a.record.frequencies)) for a in areas)
     frequencies = {(a.name, k): f for a in areas for k, f in a.record.frequencies.items()}
@@ -472,11 +472,11 @@ def _sources(run: MapRun, areas: Sequence[Reached], total: Progress) -> list[Sam
 
 
 def groups(areas: Sequence[Reached], beside: int) -> list[list[Reached]]:
-    """Areas by groups between whose counts there are more cells than these.
+    """Return areas by groups between whose counts there are more cells than these.
 
     Drawing a zone looks at what lies within so many cells of it: groups do not feel each other.
     """
-    # As drawing.drawn_zones tells places apart, and a little more.
+    # As drawing.drawn_zones distinguishes places, and a little more.
     half = beside // 2 + 3
     boxes = [a.counted.grown(half, half, half, half) for a in areas]
     low = np.array([[b.row, b.col] for b in boxes])
@@ -497,7 +497,7 @@ def _zones_by_group(
     memory_bytes: int,
     tell: Callable[[str], None],
 ) -> tuple[list[list[VectorLayer]], dict[str, int]]:
-    """Zones of each group of areas with counts, and those that are left out as too large.
+    """Return zones of each group of areas with counts, and those that are left out as too large.
 
     Of these, what to say, and the memory that they need (bytes). What is drawn waits in files of
     the folder ``work``: zones of 10,000 areas take 1.4 GB, which the processes that draw need.
@@ -527,14 +527,14 @@ def _zones_by_group(
 
 
 def bytes_for_zones(box: Part, areas: Sequence[Reached], n_energies: int) -> int:
-    """Memory that drawing the zones of a group takes (bytes), with counts at so many energies."""
+    """Estimate the memory (bytes) of drawing a group's zones, with counts at so many energies."""
     reached = sum(a.record.reached for a in areas)
     cells = box.n_rows * box.n_cols * _ZONES_PER_CELL
     return _ZONES_BASE + cells + reached * _ZONES_PER_COUNT * n_energies
 
 
 def _box(mosaic: Mosaic, areas: Sequence[Reached]) -> Part:
-    """The part of a mosaic that the zones of a group need."""
+    """Return the part of a mosaic that the zones of a group need."""
     beside = mosaic.beside
     inside = hull([a.counted for a in areas]).grown(beside, beside, beside, beside)
     box = inside.common(mosaic.place)
@@ -551,7 +551,7 @@ def _draw_zones(mosaic: Mosaic, group: tuple[Sequence[Reached], Path]) -> None:
 
 
 def _zones(mosaic: Mosaic, areas: Sequence[Reached]) -> list[VectorLayer]:
-    """The zones of one group."""
+    """Return the zones of one group."""
     config, rules, box = mosaic.setting.config, mosaic.setting.rules, _box(mosaic, areas)
     grid = mosaic.setting.terrain.read(box)
     run = replace(mosaic.run, grid=grid)

@@ -1,4 +1,4 @@
-"""What a batch keeps of each release area, and how the mosaic is added up from it."""
+"""State of each release area of a batch, and how the mosaic is added up from it."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ SIMULATION_NAME, WITHOUT_BARRIERS_NAME = "simulation.npz", "without_barriers.npz
 
 @dataclass(frozen=True, slots=True)
 class Record:
-    """What a batch knows of a release area that has been run."""
+    """Record of a release area that has been run."""
 
     fingerprint: str  # of all that the result hangs on
     area: str
@@ -52,7 +52,7 @@ class Record:
     control_lines: tuple[int, ...]
     objects: tuple[int, ...]
     notices: tuple[str, ...]  # what the readers had to say
-    sums_only: bool  # whether it has no maps and zones of its own
+    sums_only: bool  # whether it has no separate maps and zones
     reached: int  # cells with counts, once for each block scenario
     # First row and column, and numbers of them, of the smallest part with all cells with counts.
     counted: tuple[int, int, int, int]
@@ -61,7 +61,7 @@ class Record:
     sums: dict[str, str]  # digests of the files of its sums
 
     def part(self, terrain: Terrain) -> Part:
-        """The part on the lattice of a terrain model."""
+        """Return the part on the lattice of a terrain model."""
         return Part(
             round((terrain.north - self.north) / terrain.cell_size),
             round((self.west - terrain.west) / terrain.cell_size),
@@ -93,9 +93,9 @@ def write_record(folder: Path, record: Record) -> None:
 
 
 def read_record(folder: Path, tell: Callable[[str], None]) -> Record | None:
-    """What is known of an area; None if the folder holds no whole result of a batch.
+    """Read the record of an area; None if the folder holds no whole result of a batch.
 
-    A result whose record or sums are not as they were saved is none, which is told.
+    A result whose record or sums are not as they were saved is none, which is reported.
     """
     file = folder / RECORD_NAME
     if not (file.is_file() and (folder / MANIFEST_NAME).is_file()):
@@ -117,7 +117,7 @@ def read_record(folder: Path, tell: Callable[[str], None]) -> Record | None:
 
 
 def digests_of_sums(folder: Path) -> dict[str, str]:
-    """Of the files of sums in the folder of an area, by name; empty for a damaged one."""
+    """Return digests of the files of sums of an area's folder, by name; empty for a damaged one."""
     files = [folder / name for name in (SIMULATION_NAME, WITHOUT_BARRIERS_NAME)]
     return {file.name: saved_digest(file) for file in files if file.is_file()}
 
@@ -134,7 +134,7 @@ def read_state(
     without: bool = False,
     wanted: Callable[[str], bool] = lambda _name: True,
 ) -> dict[str, NDArray[Any]]:
-    """What write_state wrote into the folder of an area, or what is wanted of it.
+    """Read what write_state wrote into the folder of an area, or what is wanted of it.
 
     Parameters
     ----------
@@ -162,7 +162,7 @@ def added_up(
     planned: Plan | None = None,
     only_energies_kj: FloatArray | None = None,
 ) -> Progress:
-    """What areas have counted in the cells of a place, at stations, barriers and objects.
+    """Add up what areas counted in the cells of a place, at stations, barriers and objects.
 
     Counts are whole numbers: the sums of a place are those of the whole that lie there. One area
     is in memory at a time.
@@ -182,7 +182,7 @@ def added_up(
     planned : Plan, optional
         Of all areas: then fall lines, stops, reasons and run-out are added up as well.
     only_energies_kj : float64, shape (n,), optional
-        Counts of single sources at these energies alone, of those of ``bins``, without the sums of
+        Counts of single sources only at these energies, of those of ``bins``, without the sums of
         all blocks in a cell: a fraction of the memory.
     """
     control_lines = tuple(g for g, _ in run.control_lines)
@@ -243,7 +243,7 @@ def _add_counts(
     objects = np.array(area.record.objects, np.int64)
 
     def widened(counts: IntArray) -> IntArray:
-        """Counts by the energies of the area as counts by those that are wanted."""
+        """Return counts by the energies of the area as counts by those that are wanted."""
         out = np.zeros((counts.shape[0], n), np.int64)
         out[:, columns] = counts[:, counted]
         return out
@@ -282,7 +282,7 @@ def _add_blocks(total: Progress, own: Progress, first_point: int) -> None:
 
 
 def _columns(own: NDArray[Any], wanted: NDArray[Any]) -> tuple[IntArray, IntArray]:
-    """Columns of the wanted energies of which an area has counts, and of those of the area.
+    """Return columns of the wanted energies of which an area has counts, and of those of the area.
 
     The energies of a larger relief begin with those of a smaller one and go on beyond what any
     block can have there: what is missing counts nothing.

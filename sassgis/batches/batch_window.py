@@ -37,7 +37,7 @@ _COARSER = 4
 _MORE = 1.25
 #: Share of the length of the fall lines by which a part is wider than they, for followed paths.
 _ASIDE = 0.15
-#: Cells beside one that a path looks at whose heights count there, next to half a block.
+#: Cells next to one that a path looks at whose heights count there, next to half a block.
 _BESIDE = 3
 
 Sides = tuple[int, int, int, int]
@@ -65,19 +65,19 @@ class Windowed:
     notices: tuple[str, ...] = ()
 
     def wider(self, sides: Met) -> Sides:
-        """Margins to try next if paths came to the rim on some sides."""
+        """Return margins to try next if paths came to the rim on some sides."""
         n, e, s, w = (2 * m if met else m for m, met in zip(self.margins, sides, strict=True))
         return n, e, s, w
 
 
 def edge_cells(smoothing_m: float, ref_width_m: float, cell_size: float) -> int:
-    """Cells from a cut edge within which fall lines would feel it, or counts be lost."""
+    """Return cells from a cut edge within which fall lines would feel it, or counts be lost."""
     felt = math.ceil(GAUSSIAN_ENDS * smoothing_m / cell_size) + _SPLINE_CELLS
     return max(felt, _counted(ref_width_m, cell_size))
 
 
 def rim_cells(run: MapRun, ref_width_m: float) -> int:
-    """Cells from a cut edge within which followed paths would feel it, or counts be lost."""
+    """Return cells from a cut edge within which followed paths would feel it, or counts be lost."""
     cell = run.grid.cell_size
     smoothed = math.ceil(GAUSSIAN_ENDS * SD_PER_DIAMETER * run.block_scale_m / cell)
     radius = max(_largest_radius(b) for b in run.blocks) / cell
@@ -88,14 +88,14 @@ def rim_cells(run: MapRun, ref_width_m: float) -> int:
 
 
 def _largest_radius(blocks: BlockPopulation) -> float:
-    """Of the sphere as large as the largest block (m)."""
+    """Return the radius of the sphere as large as the largest block (m)."""
     if blocks.volume_m3 is not None:
         return math.cbrt(0.75 * blocks.volume_m3[1] / math.pi)
     return math.cbrt(blocks.axis_1_m[1] * blocks.axis_2_m[1] * blocks.axis_3_m[1])
 
 
 def _counted(ref_width_m: float, cell_size: float) -> int:
-    """Cells around a path in whose windows it counts."""
+    """Return cells around a path in whose windows it counts."""
     return math.ceil(0.5 * ref_width_m / cell_size) + 1
 
 
@@ -163,7 +163,7 @@ def windowed(
 def near_edge(
     cut: Windowed, terrain: Terrain, ref_width_m: float, lines: Sequence[FallLines]
 ) -> Met:
-    """On which cut sides (north, east, south, west) fall lines of a run come near the edge."""
+    """Find on which cut sides (north, east, south, west) fall lines of a run come near the edge."""
     x, y = (np.concatenate([getattr(own, axis) for own in lines]) for axis in "xy")
     extent = x.min(), y.min(), x.max(), y.max()
     # Lines are thinned, by less than a cell.
@@ -175,14 +175,14 @@ def near_edge(
 
 
 def _scouts(planned: Plan) -> int:
-    """How many lines are traced first."""
+    """Count the lines that are traced first."""
     return max(_SCOUTS, len(planned.starts) // _ONE_OF)
 
 
 def _foreseen(
     terrain: Terrain, inner: Part, make: Callable[[Part], MapRun], ref_width_m: float
 ) -> Sides:
-    """Margins that the fall lines ask for on larger cells: quick, and about right."""
+    """Return margins that the fall lines ask for on larger cells: quick, and about right."""
     around = inner.grown(*[SEARCHED_CELLS] * 4).common(terrain.whole)
     if around is None:
         return 0, 0, 0, 0
@@ -204,14 +204,14 @@ def _foreseen(
 def _missing(
     terrain: Terrain, part: Part, run: MapRun, planned: Plan, ref_width_m: float, lines: int
 ) -> list[int]:
-    """Cells by which a part is too small for so many of the fall lines, on each side as Sides."""
+    """Count the cells by which a part is too small for so many fall lines, by side as Sides."""
     reached = _reached(terrain, run, planned, ref_width_m, lines)
     cut = cut_sides(part, terrain)
     return [c * beyond for c, beyond in zip(cut, _beyond(reached, part), strict=True)]
 
 
 def _reached(terrain: Terrain, run: MapRun, planned: Plan, ref_width_m: float, lines: int) -> Part:
-    """The part that so many of the fall lines need, also beyond the terrain model."""
+    """Return the part that so many of the fall lines need, also beyond the terrain model."""
     keep = _kept_free(terrain, run, ref_width_m)
     extent = _extent(run, planned, lines)
     if run.followed:
@@ -221,13 +221,13 @@ def _reached(terrain: Terrain, run: MapRun, planned: Plan, ref_width_m: float, l
 
 
 def _kept_free(terrain: Terrain, run: MapRun, ref_width_m: float) -> int:
-    """Cells from a cut edge into which no fall line may come."""
+    """Return cells from a cut edge into which no fall line may come."""
     widest = max(run.terrain.smoothing_m, SD_PER_DIAMETER * run.block_scale_m)
     return edge_cells(widest, ref_width_m, terrain.cell_size)
 
 
 def cut_sides(part: Part, terrain: Terrain) -> Met:
-    """Whether the terrain model goes on in the north, east, south and west of a part."""
+    """Return whether the terrain model goes on in the north, east, south and west of a part."""
     whole = terrain.whole
     return (
         part.row > whole.row,
@@ -238,7 +238,7 @@ def cut_sides(part: Part, terrain: Terrain) -> Met:
 
 
 def _beyond(reached: Part, part: Part) -> Sides:
-    """By how many cells one part goes beyond another in the north, east, south and west."""
+    """Count the cells by which one part exceeds another in the north, east, south and west."""
     both = hull([reached, part])
     return (
         part.row - both.row,
@@ -249,7 +249,7 @@ def _beyond(reached: Part, part: Part) -> Sides:
 
 
 def _extent(run: MapRun, planned: Plan, lines: int) -> tuple[float, float, float, float]:
-    """Rectangle around so many of the lines, evenly taken (m)."""
+    """Return the rectangle around so many of the lines, evenly taken (m)."""
     low, high = np.full(2, np.inf), np.full(2, -np.inf)
     starts = take(planned.starts, slice(None, None, max(len(planned.starts) // lines, 1)))
     for first in range(0, len(starts), _POINTS):

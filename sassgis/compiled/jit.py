@@ -41,7 +41,7 @@ F = TypeVar("F", bound=Callable[..., Any])
 
 @functools.cache
 def loaded_numba() -> ModuleType:
-    """numba, without the settings that it would take from a file in the current folder.
+    """Return numba, without the settings that it would take from a file in the current folder.
 
     It is the first of the large libraries; SassgisError if there is no room for them.
     """
@@ -61,7 +61,10 @@ def loaded_numba() -> ModuleType:
 
 @functools.cache
 def _cache_folder() -> Path | None:
-    """Folder of the machine code that belongs to the sources as they stand; None: keep none."""
+    """Return the folder of the machine code that belongs to the sources as they stand.
+
+    It is None where none is to be kept.
+    """
     digest = hashlib.sha256()
     for room in _COMPILED_ROOMS:
         for path in sorted((_PACKAGE / room).rglob("*.py")):
@@ -117,7 +120,7 @@ def _check_own(folder: Path) -> None:
 
 
 def _is_private(group: int) -> bool:
-    """Whether a group is the user's own, of the same name and without other members."""
+    """Return whether a group is the user's own, of the same name and without other members."""
     import grp
     import pwd
 
@@ -131,14 +134,14 @@ def _is_private(group: int) -> bool:
 def kernel(function: F) -> F:
     """Compile a function with numba: without the GIL, IEEE division.
 
-    Compiled code calls it as a part of its own. Where Python calls it, machine code is made of it
+    Compiled code calls it as a separate part. Where Python calls it, machine code is made of it
     and of all that it calls, and kept (machine_code.py).
     """
     return _part(function, _nrt=True, forceinline=False)
 
 
 def lean(function: F) -> F:
-    """As kernel, for a function that makes and returns no arrays, and no views of them.
+    """Compile as ``kernel`` does, for a function that makes and returns no arrays or views of them.
 
     It does not count the references to the arrays that it is given; its caller holds them. In the
     motion of a block counting them took half of the time. One that makes an array does not compile.
@@ -148,7 +151,7 @@ def lean(function: F) -> F:
 
 
 def fused(function: F) -> F:
-    """As lean, and copied to each call however long it is.
+    """Compile as ``lean`` does, and copy the function to each call however long it is.
 
     For what is called from one place, and for parts of an inner loop; short ones are copied anyway.
     """
@@ -156,7 +159,7 @@ def fused(function: F) -> F:
 
 
 def inlined(function: F) -> F:
-    """Put in the place of each call before types are found, without LLVM code of its own.
+    """Put in the place of each call before types are found, without separate LLVM code.
 
     For short functions that take what differs from call to call, such as None: the types are found
     anew at each call. What stands in a kernel counts references at each call, as the kernel does.
@@ -166,7 +169,7 @@ def inlined(function: F) -> F:
 
 @functools.cache
 def _own() -> Any:
-    """machine_code.py; None where the inside of numba is not the one that it stands on."""
+    """Return machine_code.py; None where the inside of numba is not the one that it stands on."""
     first, last = _TRIED
     if not first <= tuple(map(int, loaded_numba().__version__.split(".")[:2])) <= last:
         return None
@@ -177,7 +180,7 @@ def _own() -> Any:
 
 
 def _part(function: F, **options: Any) -> F:
-    """A function that compiled code calls."""
+    """Return a function that compiled code calls."""
     if loaded_numba().config.DISABLE_JIT:
         return function
     own = _own()
@@ -196,7 +199,7 @@ def _part(function: F, **options: Any) -> F:
 
 @functools.cache
 def _entry(function: F, counts: bool) -> F:
-    """The function as Python calls it; ``counts`` is whether it counts references to arrays."""
+    """Return function as Python calls it; ``counts`` is whether it counts references to arrays."""
     return _compiled(function, kept=True, pipeline_class=_own().EntryCompiler, _nrt=counts)
 
 

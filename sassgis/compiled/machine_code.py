@@ -92,7 +92,7 @@ class PartCompiler(CompilerBase):
     library: type[JITCodeLibrary] = _PartLibrary
 
     def define_pipelines(self) -> list[Any]:
-        """Passes of numba."""
+        """Return passes of numba."""
         state = self.state
         state.library = self.library(state.targetctx.codegen(), state.func_id.func_qualname)
         state.library.enable_object_caching()
@@ -129,7 +129,7 @@ class _Place:
     def __init__(self, function: Any, file: str) -> None:
         folder = os.path.join(config.CACHE_DIR, function.__module__)
         stamp = hashlib.sha256(Path(file).read_bytes()).hexdigest()
-        line = str(function.__code__.co_firstlineno)  # tells functions of one name apart
+        line = str(function.__code__.co_firstlineno)  # distinguishes functions of one name
         self.ensure_cache_path = partial(os.makedirs, folder, exist_ok=True)
         self.get_cache_path = lambda: folder
         self.get_source_stamp = lambda: stamp

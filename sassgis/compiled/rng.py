@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from sassgis.compiled.jit import kernel
 from sassgis.grid import IntArray
 
-# Streams: what a draw is for. An effect that needs draws takes streams of its own.
+# Streams: what a draw is for. An effect that needs draws takes separate streams.
 AXIS_1, AXIS_2, AXIS_3, DENSITY, SPEED, SPIN, DROP, ORIENTATION, START, SLOPE = range(10)
 VOLUME = 10
 STEM_DISTANCE, STEM_OFFSET, TILT, LANDING, BREAKS, FRAGMENT_ANGLE = range(11, 17)
@@ -37,7 +37,7 @@ def mix(z: int | np.uint64) -> np.uint64:
 
 @kernel
 def block_key(seed: int | np.uint64, line_key: np.uint64, number: int) -> np.uint64:
-    """Key of one block from the seed of the run, the key of its line and its number on it."""
+    """Make the key of a block from the run's seed, the key of its line and its number on it."""
     key = mix(np.uint64(seed) + np.uint64(0x9E3779B97F4A7C15))
     key = mix(key ^ np.uint64(line_key))
     return mix(key + np.uint64(number) * np.uint64(0x9E3779B97F4A7C15))
@@ -45,7 +45,7 @@ def block_key(seed: int | np.uint64, line_key: np.uint64, number: int) -> np.uin
 
 @kernel
 def uniform(key: np.uint64, stream: int, event: int) -> float:
-    """A number in the open interval (0, 1), with 52 random bits."""
+    """Return a number in the open interval (0, 1), with 52 random bits."""
     word = mix(key + np.uint64(stream + 1) * np.uint64(0xD1B54A32D192ED03))
     word = mix(word + np.uint64(event + 1) * np.uint64(0x9E3779B97F4A7C15))
     return (np.float64(word >> np.uint64(12)) + 0.5) * 2.220446049250313e-16
@@ -53,13 +53,13 @@ def uniform(key: np.uint64, stream: int, event: int) -> float:
 
 @kernel
 def between(key: np.uint64, stream: int, event: int, low: float, high: float) -> float:
-    """A number between two limits, which may coincide."""
+    """Return a number between two limits, which may coincide."""
     return low + (high - low) * uniform(key, stream, event)
 
 
 @kernel
 def normal(key: np.uint64, stream: int, event: int) -> float:
-    """A number of the standard normal distribution (Box and Muller 1958)."""
+    """Return a number of the standard normal distribution (Box and Muller 1958)."""
     radius = math.sqrt(-2.0 * math.log(uniform(key, stream, 2 * event)))
     return radius * math.cos(2.0 * math.pi * uniform(key, stream, 2 * event + 1))
 
@@ -67,7 +67,7 @@ def normal(key: np.uint64, stream: int, event: int) -> float:
 def combined(
     keys: NDArray[np.uint64], word: int | np.uint64 | IntArray | NDArray[np.uint64]
 ) -> NDArray[np.uint64]:
-    """Keys of things that are distinguished by a further number, by the same scrambling.
+    """Return keys of things that are distinguished by a further number, by the same scrambling.
 
     Keys and words are broadcast.
     """
@@ -82,11 +82,14 @@ def combined(
 
 
 def word_of(text: str) -> np.uint64:
-    """A number that represents a text in the random draws: the first 64 bits of its SHA-256."""
+    """Return a number that represents a text in the random draws.
+
+    It is the first 64 bits of the text's SHA-256.
+    """
     return np.uint64(int.from_bytes(hashlib.sha256(text.encode()).digest()[:8], "little"))
 
 
 def shares(keys: NDArray[np.uint64]) -> NDArray[np.float64]:
-    """A number in the open interval (0, 1) for each key."""
+    """Return a number in the open interval (0, 1) for each key."""
     mixed = combined(keys, 0)
     return ((mixed >> np.uint64(12)).astype(np.float64) + 0.5) * 2.0**-52

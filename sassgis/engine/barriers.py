@@ -1,4 +1,4 @@
-"""What a block does at stations and barriers."""
+"""Motion of a block at stations and barriers."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ class Meeting(NamedTuple):
 
 @lean
 def no_meeting() -> Meeting:
-    """No barrier is met."""
+    """Return the meeting that stands for no barrier."""
     return Meeting(-1, np.inf, PASSED, 1.0)
 
 
@@ -45,7 +45,7 @@ def crossings_of(
     height: FloatArray,
     capacity: FloatArray,
 ) -> Records:
-    """Stations and barriers on a profile.
+    """Return stations and barriers on a profile.
 
     Parameters
     ----------
@@ -115,7 +115,7 @@ def _write_passage(
 
 @lean
 def _at_barrier(crossing: Record, energy: float) -> tuple[int, float]:
-    """What a block that meets a barrier does, and the share of its speed that is left."""
+    """Return the outcome of a block at a barrier, and the remaining share of its speed."""
     if energy > crossing.capacity:
         return BROKE_THROUGH, math.sqrt(1.0 - crossing.capacity / energy)
     if crossing.kind == RESTARTS:
@@ -125,9 +125,9 @@ def _at_barrier(crossing: Record, energy: float) -> tuple[int, float]:
 
 @lean
 def _is_behind(crossings: Records, met: Meeting, crossing: Record) -> bool:
-    """Whether a barrier that has been met lies before a control line, so that it is not come to.
+    """Return whether a barrier met lies before a control line, which is then not reached.
 
-    What is left of the speed goes on to all lines at the same place, in their order. One that is
+    The remaining speed goes on to all lines at the same place, in their order. One that is
     stopped comes to the stations there, but to no other barrier.
     """
     if met.line < 0:
@@ -138,7 +138,7 @@ def _is_behind(crossings: Records, met: Meeting, crossing: Record) -> bool:
 
 @lean
 def _met_too(met: Meeting, line: int, when: float, outcome: int, left: float) -> Meeting:
-    """The meeting, with one more control line at the same place and what it leaves of the speed."""
+    """Add one more control line at the same place, and what it leaves of the speed."""
     if outcome in (PASSED, OVERTOPPED):
         return met
     return Meeting(line, when, outcome, met.speed_left * left)
@@ -146,7 +146,7 @@ def _met_too(met: Meeting, line: int, when: float, outcome: int, left: float) ->
 
 @inlined
 def _comes_to(state: Record, crossing: Record, x_end: float, forward: bool) -> bool:
-    """Whether a block on its way to a chainage (m) comes to a control line.
+    """Return whether a block on its way to a chainage (m) comes to a control line.
 
     A block that was moved back may turn before it comes again to where lines are dealt with:
     chainages along its new heading are others. A line that it has not passed is then ahead.
@@ -161,7 +161,7 @@ def _comes_to(state: Record, crossing: Record, x_end: float, forward: bool) -> b
 def control_lines_in_flight(
     state: Record, block: Block, site: Site, output: Output, gravity: float, until: float
 ) -> Meeting:
-    """Stations and barriers that a flight of duration ``until`` (s) comes to.
+    """Return stations and barriers that a flight of duration ``until`` (s) comes to.
 
     Passages are written; the state is that at the start of the flight.
     """
@@ -221,7 +221,7 @@ class Stretch(NamedTuple):
 
 @inlined
 def up_to(stretch: Stretch, x: float, share: float) -> Stretch:
-    """The first share of a stretch, which ends at chainage x (m)."""
+    """Return the first share of a stretch, which ends at chainage x (m)."""
     gained = share_gained(share, stretch.fading)
     return Stretch(
         stretch.x, x, stretch.speed2, stretch.gain * gained, stretch.spin2,
@@ -233,7 +233,7 @@ def up_to(stretch: Stretch, x: float, share: float) -> Stretch:
 def control_lines_on_ground(
     state: Record, block: Block, site: Site, output: Output, stretch: Stretch, ux: float, uz: float
 ) -> Meeting:
-    """Stations and barriers that a stretch in the direction (ux, uz) comes to.
+    """Return stations and barriers that a stretch in the direction (ux, uz) comes to.
 
     Passages are written.
     """

@@ -62,7 +62,7 @@ def simulate_block(
     output : Output
         Filled.
     effects : Effects, optional
-        None for the model of 1986 alone.
+        None for the model of 1986 only.
     path : Path, optional
         None for a block that stays on the profile of the site.
     """

@@ -43,7 +43,7 @@ class CellRegister(NamedTuple):
 def empty_register(
     shape: tuple[int, int], room: int, window: Window | None, objects: ObjectCells
 ) -> CellRegister:
-    """Room for so many cells, as many windows again, and the objects on them."""
+    """Return room for so many cells, as many windows again, and the objects on them."""
     n_rows, n_cols = shape
     n = n_rows * n_cols
     steps = window.steps() if window is not None else (np.empty(0, np.int64),) * 2
@@ -73,7 +73,7 @@ def empty_register(
 
 @inlined
 def registered(register: CellRegister, flat: int) -> int:
-    """The number of a cell of the grid; -1 if there is no room for it, which is noted."""
+    """Return the number of a cell of the grid; -1 if there is no room for it, which is noted."""
     known = register.number[flat]
     if known > 0:
         return int(known) - 1

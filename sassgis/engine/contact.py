@@ -35,13 +35,13 @@ class Contact(NamedTuple):
 
 @inlined
 def _no_contact(t: float) -> Contact:
-    """No contact before a time (s)."""
+    """Return the contact that stands for none before a time (s)."""
     return Contact(t, -1, 0.0, 0.0, 0.0, False)
 
 
 @inlined
 def span(profile: Records, j: int) -> float:
-    """Length of a segment, along its tangent (m)."""
+    """Return the length of a segment, along its tangent (m)."""
     here = profile[j]
     after = profile[j + 1]
     return float((after.x - here.x) * here.tx + (after.z - here.z) * here.tz)
@@ -49,7 +49,7 @@ def span(profile: Records, j: int) -> float:
 
 @inlined
 def is_convex(profile: Records, k: int) -> bool:
-    """Whether the ground turns down at vertex k."""
+    """Return whether the ground turns down at vertex k."""
     behind = profile[k - 1]
     here = profile[k]
     return bool(behind.tx * here.tz - behind.tz * here.tx < -1e-12)
@@ -59,7 +59,7 @@ def is_convex(profile: Records, k: int) -> bool:
 def _stays_beside(
     flying: Flying, here: Record, length: float, start: float, end: float, tolerance: float
 ) -> bool:
-    """Whether a block that is moved along the ground is before or past a segment all the time."""
+    """Return whether a block moved along the ground is before or past a segment all the time."""
     if flying.gravity != 0.0:
         return False
     along = (flying.x - here.x) * here.tx + (flying.z - here.z) * here.tz
@@ -73,7 +73,7 @@ def _stays_beside(
 def _vertex_from(
     flying: Flying, here: Record, other: Record, touched: float, tolerance: float
 ) -> float:
-    """From when on a block may touch the vertex between two segments (s).
+    """Return from when on a block may touch the vertex between two segments (s).
 
     It is approached there along a normal between those of the segments, so towards the line of one
     of them at least, and is at both lines; not before ``touched`` is it at that of ``here``.
@@ -103,7 +103,7 @@ def _core_contact(
     j: int,
     length: float,
 ) -> tuple[float, float, float, int]:
-    """First contact of the round core (radius m) of a block with segment j or one of its vertices.
+    """Find the first contact of a block's round core (radius m) with segment j or its vertices.
 
     Returns time, normal and the vertex that is met, -1 for the segment itself.
     """
@@ -119,7 +119,7 @@ def _core_contact(
         if not is_convex(profile, k):
             continue
         if flying.gravity == 0.0:
-            # Moved along the ground, by a unit vector: it passes what lies beside its way.
+            # Moved along the ground, by a unit vector: it passes what lies next to its way.
             aside = (profile[k].x - flying.x) * flying.vz - (profile[k].z - flying.z) * flying.vx
             if abs(aside) > core + 1.5 * tolerance:
                 continue
@@ -141,7 +141,7 @@ def _core_contact(
 def _times_over(
     flying: Flying, low: float, high: float, step: int, first: float, last: float
 ) -> tuple[float, float]:
-    """The part of a time span in which a block that moves is over chainages low to high (m)."""
+    """Return part of a time span in which a block that moves is over chainages low to high (m)."""
     rear = low - flying.a
     front = high + flying.a
     if step < 0:
@@ -153,7 +153,7 @@ def _times_over(
 def _within_reach(
     above: float, rate: float, fall: float, reach: float, first: float, last: float
 ) -> float:
-    """From when on a block may touch the line of a segment: not before ``first``, or infinite.
+    """Return from when on a block may touch a segment's line: not before ``first``, or infinite.
 
     The height of its centre over the line is above + rate t − fall t², a concave parabola and so
     least at an end of the span; nothing touches while it is larger than ``reach``.
@@ -167,7 +167,7 @@ def _within_reach(
     if at_last > 0.0:
         return np.inf
     root = math.sqrt(max(rate * rate + 4.0 * fall * (above - reach), 0.0))
-    # Of a sphere that has just rebounded only rounding is left of the difference.
+    # Of a sphere that has just rebounded only rounding remains of the difference.
     if root - rate > _CANCELS * abs(rate):
         first = max(first, 2.0 * (above - reach) / (root - rate))
     return first
@@ -175,7 +175,7 @@ def _within_reach(
 
 @inlined
 def _same_time(surface: float, a: float, tolerance: float) -> float:
-    """Contacts closer in time than this are at the same time (s)."""
+    """Return contacts closer in time than this are at the same time (s)."""
     return (2.0 * tolerance + 1e-9 * a) / surface if surface > 0.0 else 0.0
 
 
@@ -189,7 +189,7 @@ def next_contact(
     near: int,
     skip_to: int,
 ) -> Contact:
-    """First contact of a flying block with a profile.
+    """Return the first contact of a flying block with a profile.
 
     Parameters
     ----------
@@ -272,7 +272,7 @@ def _contact_at(
     rate: float,
     fall: float,
 ) -> Contact:
-    """The better of the best contact so far and those with segment j, its vertices and the core.
+    """Return better of the best contact so far and those with segment j, its vertices and the core.
 
     Parameters as the locals of next_contact; ``above``, ``rate`` and ``fall`` as _within_reach.
     """
@@ -334,7 +334,7 @@ def resting_height(
     profile: Records,
     near: int,
 ) -> float:
-    """Height of the centre of an ellipse let down on the profile at chainage x (m).
+    """Return the height of the centre of an ellipse let down on the profile at chainage x (m).
 
     The largest of the heights at which it touches a segment within its ends, or a vertex.
 

@@ -1,4 +1,4 @@
-"""What is drawn of each block: its size, shape and density, and how it starts."""
+"""Random draws of each block: its size, shape and density, and how it starts."""
 
 from __future__ import annotations
 
@@ -56,7 +56,7 @@ def draw_block(low: Record, high: Record, key: np.uint64) -> Block:
 
 @lean
 def block_of(a: float, b: float, c: float, density: float, mass: float, key: np.uint64) -> Block:
-    """A block of given axes (m), density (kg/m³) and mass (kg)."""
+    """Return a block of given axes (m), density (kg/m³) and mass (kg)."""
     own = inertia(a, b)
     roll_radius = mean_radius(a, b)
     return Block(
@@ -67,7 +67,9 @@ def block_of(a: float, b: float, c: float, density: float, mass: float, key: np.
 
 @lean
 def with_outline(block: Block, physics: Physics) -> Block:
-    """The block with the axes that act in the plane of motion: as large an ellipse, of that ratio.
+    """Return the block with the axes that act in the plane of motion.
+
+    The ellipse is as large, with that ratio.
 
     Ours. Blocks with edges do not roll as discs where their longer axes are equal, and elongated
     ones turn about an axis that moves, so that the plane meets them in rounder outlines.
@@ -81,7 +83,7 @@ def with_outline(block: Block, physics: Physics) -> Block:
 
 @lean
 def with_inertia(block: Block, own: float) -> Block:
-    """The block with another moment of inertia per unit mass (m²)."""
+    """Return the block with another moment of inertia per unit mass (m²)."""
     return Block(
         block.a, block.b, block.c, block.density, block.mass, block.key, own, block.radius,
         block.roll_radius, 1.0 + own / (block.roll_radius * block.roll_radius), block.drag
@@ -90,7 +92,7 @@ def with_inertia(block: Block, own: float) -> Block:
 
 @lean
 def with_drag(block: Block, sd: float) -> Block:
-    """The block with a rolling friction of its own: log-normal, sd is that of the logarithm."""
+    """Return the block with a random rolling friction: log-normal, sd is that of the logarithm."""
     if sd <= 0.0:
         return block
     drag = math.exp(sd * rng.normal(block.key, rng.ROLLING_FRICTION, 0))

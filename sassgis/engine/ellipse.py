@@ -9,13 +9,16 @@ from sassgis.compiled.jit import fused, kernel, lean
 
 @lean
 def inertia(a: float, b: float) -> float:
-    """Moment of inertia per unit mass about the axis normal to the plane (m²): (a² + b²)/5."""
+    """Return the moment of inertia per unit mass about the axis normal to the plane (m²).
+
+    It is (a² + b²)/5.
+    """
     return 0.2 * (a * a + b * b)
 
 
 @lean
 def contact_frame(a: float, b: float, theta: float) -> tuple[float, float, float]:
-    """Centre as seen from the point of contact, in local axes.
+    """Return the centre as seen from the point of contact, in local axes.
 
     Parameters
     ----------
@@ -37,7 +40,7 @@ def contact_frame(a: float, b: float, theta: float) -> tuple[float, float, float
 
 @lean
 def frame_of(a: float, b: float, s: float, c: float) -> tuple[float, float, float]:
-    """As contact_frame, from the sine and cosine of the angle."""
+    """Compute contact_frame from the sine and cosine of the angle."""
     y = math.sqrt(a * a * s * s + b * b * c * c)
     x = (a * a - b * b) * s * c / y
     curvature = ((a * a - b * b) * (c * c - s * s) - x * x) / y
@@ -46,7 +49,7 @@ def frame_of(a: float, b: float, s: float, c: float) -> tuple[float, float, floa
 
 @kernel
 def mean_radius(a: float, b: float) -> float:
-    """Perimeter over 2π (m), by Ramanujan's second formula (1914); exact for a circle."""
+    """Return perimeter over 2π (m), by Ramanujan's second formula (1914); exact for a circle."""
     h = ((a - b) / (a + b)) ** 2
     return 0.5 * (a + b) * (1.0 + 3.0 * h / (10.0 + math.sqrt(4.0 - 3.0 * h)))
 
@@ -64,7 +67,7 @@ _QUARTER_3 = 5.39030285815811905290e-15
 
 @fused
 def cos_sin(angle: float) -> tuple[float, float]:
-    """Cosine and sine of an angle (rad) together, as part of the machine code of its caller.
+    """Return cosine and sine of an angle (rad) together, as part of the machine code of its caller.
 
     Reduction by multiples of π/2 in three parts (Cody and Waite 1980) and the polynomials of fdlibm
     (k_sin.c, k_cos.c; Sun Microsystems 1993): within 2.3e-16 of the exact values.

@@ -56,7 +56,10 @@ class Flying(NamedTuple):
 
 @inlined
 def _until_closed(gap: float, rate: float, bend: float) -> float:
-    """When gap + rate t − bend t²/2 is zero for the first time after 0; infinite if never."""
+    """Compute the first time after 0 at which gap + rate t − bend t²/2 is zero.
+
+    It is infinite if there is none.
+    """
     root2 = rate * rate + 2.0 * bend * gap
     if root2 < 0.0:
         return np.inf
@@ -69,7 +72,7 @@ def _until_closed(gap: float, rate: float, bend: float) -> float:
 def _open_for(
     gap: float, rate: float, bend: float, jerk: float, most: float
 ) -> tuple[float, float]:
-    """How long a gap surely stays open (s), infinite if for ever, and how wide it is then at most.
+    """Return how long (s, or infinite) a gap surely stays open, and its largest width then.
 
     Parameters
     ----------
@@ -90,7 +93,7 @@ def _open_for(
 
 @inlined
 def _opens_for(rate: float, bend: float, jerk: float) -> float:
-    """How long a gap surely goes on opening (s), from what _open_for takes."""
+    """Compute how long a gap surely goes on opening (s), from what _open_for takes."""
     root = bend + math.sqrt(max(bend * bend + 2.0 * jerk * rate, 0.0))
     return 2.0 * rate / root if root > 0.0 else np.inf
 
@@ -99,7 +102,7 @@ def _opens_for(rate: float, bend: float, jerk: float) -> float:
 def contact_with_segment(
     flying: Flying, start: float, end: float, tolerance: float, ground: Record, length: float
 ) -> tuple[float, bool, float]:
-    """First time in [start, end] at which a flying block touches a segment between its ends.
+    """Return first time in [start, end] at which a flying block touches a segment between its ends.
 
     Parameters
     ----------
@@ -221,7 +224,7 @@ def contact_with_segment(
                     if t > end:
                         return np.inf, False, touched
                     continue
-                # Below the line, but beside the segment: wait until the tangent point comes.
+                # Below the line, but next to the segment: wait until the tangent point comes.
                 far = -foot if foot < 0.0 else foot - length
                 fastest = abs(run - gravity * tz * t) + foot_speed + math.sqrt(gravity * far)
                 if fastest <= 0.0:
@@ -249,7 +252,7 @@ def _outside(
     tx: float,
     tz: float,
 ) -> tuple[float, float, float]:
-    """Gap between an ellipse and the nearer end of a segment, in the axes of the segment.
+    """Return gap between an ellipse and the nearer end of a segment, in the axes of the segment.
 
     Parameters
     ----------
@@ -291,7 +294,7 @@ def _outside(
 def vertex_gap(
     x: float, z: float, cos_t: float, sin_t: float, a: float, b: float, px: float, pz: float
 ) -> tuple[float, float, float, float]:
-    """Gap between an ellipse and a point, along the normal of the ellipse scaled up to meet it.
+    """Measure the gap from an ellipse to a point along the normal of the ellipse scaled to it.
 
     Parameters
     ----------
@@ -333,7 +336,7 @@ def vertex_gap(
 def contact_with_vertex(
     flying: Flying, start: float, end: float, tolerance: float, behind: Record, vertex: Record
 ) -> tuple[float, float, float]:
-    """First time in [start, end] at which a flying block touches a convex vertex.
+    """Return the first time in [start, end] at which a flying block touches a convex vertex.
 
     Parameters
     ----------
@@ -417,7 +420,10 @@ def _vertex_counts(
     t1x: float,
     t1z: float,
 ) -> bool:
-    """Whether a block that reaches a vertex touches it: approaching, and between the segments."""
+    """Return whether a block that reaches a vertex touches it.
+
+    It must be approaching, and between the segments.
+    """
     if approach >= -1e-12 or rate > 0.0:
         return False
     return nx * t0x + nz * t0z >= -1e-9 and nx * t1x + nz * t1z <= 1e-9

@@ -34,7 +34,7 @@ _LONGEST = 1e6
 
 @inlined
 def _time_to_end(state: Record, block: Block, profile: Records) -> float:
-    """When the centre leaves the profile (s); one that goes on must lie under the whole block."""
+    """Return when the centre leaves the profile (s), which must go on under the whole block."""
     if state.vx > 1e-9:
         front = block.a + MARGIN_M if state.open else 0.0
         limit = (profile[last_of(profile)].x - front - state.x) / state.vx
@@ -47,7 +47,7 @@ def _time_to_end(state: Record, block: Block, profile: Records) -> float:
 
 @inlined
 def _is_over_ground(state: Record, profile: Records, gravity: float, until: float) -> bool:
-    """Whether the centre is over the ground at the end of a flight that has met nothing (s)."""
+    """Return whether the centre is over the ground at the end (s) of a flight without contact."""
     x = state.x + state.vx * until
     z = state.z + (state.vz - 0.5 * gravity * until) * until
     here = profile[segment_at(profile, x, state.segment)]

@@ -43,7 +43,7 @@ _ROUNDING = 1e-9
 
 
 class Path(NamedTuple):
-    """What a path is followed on."""
+    """Terrain and lines on which a path is followed."""
 
     heights: FloatArray  # (n_rows, n_cols), of the cell centres (m)
     ground: NDArray[np.int32]  # as heights: position in the ground table
@@ -52,13 +52,13 @@ class Path(NamedTuple):
     cell_size: float  # (m)
     tolerance: float  # largest vertical gap between terrain and segments (m)
     side_tilt: float  # standard deviation of the sideways tilt of what an impact meets (rad)
-    drift: float  # standard deviation of the angle by which blocks drift aside (rad)
+    drift: float  # standard deviation of the angle by which blocks drift sideways (rad)
     # (n, 4), of the points of a chunk: u and v of both sides of the parallelogram in which their
     # blocks start (cells).
     sides: FloatArray
     line_u: FloatArray  # vertices of all stations and barriers, one after the other (cells)
     line_v: FloatArray
-    line_number: IntArray  # of the station or barrier that begins here; -1: no piece begins here
+    line_number: IntArray  # of the station or barrier that begins here; -1: no segment begins here
     line_kind: IntArray  # by the number, as kernel.ControlLineTable
     line_height: FloatArray
     line_capacity: FloatArray
@@ -67,7 +67,7 @@ class Path(NamedTuple):
 
 
 def room_ahead() -> tuple[Records, Records, Records]:
-    """Room for vertices, crossings and stretches of the ground ahead."""
+    """Return room for vertices, crossings and stretches of the ground ahead."""
     return (
         np.zeros(_ROOM, VERTEX_DTYPE),
         np.zeros(_ROOM, CROSSING_DTYPE),
@@ -77,14 +77,14 @@ def room_ahead() -> tuple[Records, Records, Records]:
 
 @inlined
 def place(state: Record, x: float) -> tuple[float, float]:
-    """Place in plan at a chainage of the present heading (cells)."""
+    """Return the place in plan at a chainage of the present heading (cells)."""
     along = x - state.from_x
     return state.from_u + exact(along * state.du), state.from_v + exact(along * state.dv)
 
 
 @fused
 def gradient(path: Path, u: float, v: float, radius: float) -> tuple[float, float, bool]:
-    """Slope of the terrain along u and v at the scale of a block (m per m), and whether known.
+    """Return the terrain's slope along u and v at block scale (m per m), and whether it is known.
 
     Central differences over its diameter, or over a cell if that is longer; where the terrain ends
     on one side, one-sided.
@@ -108,7 +108,7 @@ def gradient(path: Path, u: float, v: float, radius: float) -> tuple[float, floa
 
 @lean
 def _rise_across(before: float, own: float, after: float) -> float:
-    """Rise from one side to the other (m), twice that of one half where the other is not known."""
+    """Return the rise from side to side (m), twice that of one half if the other is not known."""
     if math.isnan(after):
         return 2.0 * (own - before)
     if math.isnan(before):
@@ -118,7 +118,7 @@ def _rise_across(before: float, own: float, after: float) -> float:
 
 @inlined
 def terrain_height(path: Path, u: float, v: float) -> float:
-    """Height of the terrain (m); NaN where it is not known."""
+    """Return the height of the terrain (m); NaN where it is not known."""
     return height_at(path.heights, u, v, int(np.floor(v)), int(np.floor(u)))
 
 
@@ -167,7 +167,7 @@ def begin_profile(
 
 @inlined
 def known_to(state: Record, block: Block) -> float:
-    """Chainage up to which the ground must be known under a block and just ahead of it (m)."""
+    """Return the chainage (m) up to which ground must be known under and just ahead of a block."""
     return float(state.x + block.a + 4.0 * MARGIN_M)
 
 
@@ -214,7 +214,7 @@ def _add_stretch(
 
 @inlined
 def _full(site: Site) -> bool:
-    """Whether there is no room for another sample."""
+    """Return whether there is no room for another sample."""
     return bool(
         last_of(site.profile) + 3 >= site.profile.size
         or last_of(site.stretches) + 3 >= site.stretches.size
@@ -222,7 +222,7 @@ def _full(site: Site) -> bool:
 
 
 class Patch(NamedTuple):
-    """A piece of the path under which the terrain has no kink, and the cells that it crosses."""
+    """A segment of the path under which the terrain has no kink, and the cells that it crosses."""
 
     end: float  # chainage (m)
     z: float  # height of the terrain at its end (m)
@@ -243,7 +243,7 @@ def look_ahead(
 
     At first the plane goes on on which the profile began, until a sample lies farther from it than
     the tolerance. Then segments are as long as all samples stay within the tolerance of them: each
-    sample narrows the cone of slopes from the last vertex, and where none is left the sample before
+    sample narrows the cone of slopes from the last vertex, and where none remains the sample before
     makes a vertex. Of the slopes in the cone that of the terrain is taken.
     """
     if _full(site):
@@ -292,13 +292,13 @@ class _Lines(NamedTuple):
 
 @inlined
 def _met_at(line: float, origin: float, rate: float, from_x: float) -> float:
-    """Chainage at which a line is met (m)."""
+    """Return the chainage at which a line is met (m)."""
     return from_x + (line - origin) / rate if rate != 0.0 else np.inf
 
 
 @inlined
 def _lines_ahead(state: Record) -> _Lines:
-    """The lines ahead of where sampling goes on."""
+    """Return the lines ahead of where sampling goes on."""
     u, v = place(state, state.sampled)
     to_u = np.inf if state.du > 0.0 else -np.inf
     to_v = np.inf if state.dv > 0.0 else -np.inf
@@ -320,7 +320,7 @@ def _lines_ahead(state: Record) -> _Lines:
 def _next_beyond(
     line: float, at: float, x: float, origin: float, rate: float, from_x: float
 ) -> tuple[float, float]:
-    """The first line that is met after a chainage (m), and where; from one met before it on."""
+    """Return first line that is met after a chainage (m), and where; from one met before it on."""
     while at - x <= SHORTEST_STRETCH:
         line += 1.0 if rate > 0.0 else -1.0
         at = _met_at(line, origin, rate, from_x)
@@ -329,7 +329,7 @@ def _next_beyond(
 
 @fused
 def _beyond(lines: _Lines, state: Record, x: float) -> _Lines:
-    """The next lines after a chainage (m)."""
+    """Return the next lines after a chainage (m)."""
     centre_u, centre_u_at = _next_beyond(
         lines.centre_u, lines.centre_u_at, x, state.from_u, state.du, state.from_x
     )
@@ -349,7 +349,7 @@ def _beyond(lines: _Lines, state: Record, x: float) -> _Lines:
 
 @lean
 def _next_patch(state: Record, path: Path, lines: _Lines) -> Patch:
-    """The patch that follows the last sample.
+    """Return the patch that follows the last sample.
 
     Between the centres of four cells the terrain is bilinear: along the path a parabola, which is
     taken for a straight line. The patch ends where it leaves the four cells; where the parabola
@@ -583,14 +583,14 @@ def _cross_lines(state: Record, site: Site, path: Path, begin: float, end: float
         fv = path.line_v[k] - v0
         share = (fu * ev - fv * eu) / cross
         on_line = (fu * dv - fv * du) / cross
-        # A vertex belongs to the piece that begins there.
+        # A vertex belongs to the segment that begins there.
         if 0.0 < share <= 1.0 and 0.0 <= on_line < 1.0:
             _add_crossing(site, path, number, begin + share * (end - begin))
 
 
 @lean
 def _keep_crossings(state: Record, site: Site) -> None:
-    """Of the stations and barriers keep those that a new profile would not find, or find again.
+    """Keep the stations and barriers that a new profile would not find, or find again.
 
     A block that goes on along the ground may have been moved over some, which it has still to pass.
     Where it stands at one, by what is rounded it may be found behind the block or ahead of it: one

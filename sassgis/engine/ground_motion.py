@@ -67,7 +67,7 @@ class Ahead(NamedTuple):
 
 @lean
 def tips(block: Block, friction: float) -> bool:
-    """Whether sliding friction turns a block over: μ_f > (a² − b²)/(2 a b).
+    """Return whether sliding friction turns a block over: μ_f > (a² − b²)/(2 a b).
 
     About the centre friction has the lever y and the normal force the lever x. The ground holds a
     sliding ellipse where x = μ_f y; x/y is at most (a² − b²)/(2 a b), at tan θ = b/a.
@@ -114,7 +114,7 @@ def _tip(state: Record, block: Block, site: Site, gravity: float, down: float) -
 
 @inlined
 def _friction(state: Record, block: Block, site: Site) -> float:
-    """Friction on the segment under a block that rolls or slides."""
+    """Return the friction on the segment under a block that rolls or slides."""
     ground = site.grounds[site.profile[state.segment].ground]
     if state.phase == ROLLING:
         return rolling_friction(block, ground)
@@ -131,7 +131,7 @@ def _look_ahead(
     fade: float,
     tips_at: float,
 ) -> Ahead:
-    """How far a block rolls or slides before something else begins, and what.
+    """Find how far a block rolls or slides before something else begins, and what.
 
     ``pull`` is its acceleration (m/s²), ``fade`` how that falls (1/m), as in resistance.py;
     ``tips_at`` the speed at which it tips over (m/s).
@@ -324,7 +324,10 @@ def _gains(
     fade: float,
     friction: float,
 ) -> Stretch:
-    """Squares of speed and spin over a stretch; ``friction`` is its force per unit mass (m/s²)."""
+    """Return squares of speed and spin over a stretch.
+
+    ``friction`` is its force per unit mass (m/s²).
+    """
     v2 = state.speed * state.speed
     spin2 = state.omega * state.omega
     dspin2 = 0.0

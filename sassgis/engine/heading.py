@@ -16,7 +16,7 @@ between heading and descent follows
 
 s being the length in plan; over a step of constant κ, tan(χ/2) falls by exp(−κ s).
 
-A block that is not the mirror image of itself in its plane of motion pushes aside steadily. It sees
+A block that is not the mirror image of itself in its plane of motion steers off steadily. It sees
 the descent turned by an angle that is drawn once for it: its drift.
 """
 
@@ -94,7 +94,7 @@ def head(state: Record, path: Path, u: float, v: float, hu: float, hv: float) ->
 
 @inlined
 def _downhill(state: Record, gu: float, gv: float) -> tuple[float, float]:
-    """Unit vector of the descent as a block sees it that drifts."""
+    """Return unit vector of the descent as a block sees it that drifts."""
     per_size = 1.0 / math.sqrt(gu * gu + gv * gv)
     c = state.drift_cos
     s = state.drift_sin
@@ -174,7 +174,7 @@ def continue_path(
 
 @inlined
 def _ground_at(path: Path, u: float, v: float) -> tuple[float, int]:
-    """Height (m) and ground class of the terrain; class -1 where it is not known."""
+    """Return height (m) and ground class of the terrain; class -1 where it is not known."""
     row = int(np.floor(v))
     col = int(np.floor(u))
     if not (0 <= row < path.heights.shape[0] and 0 <= col < path.heights.shape[1]):
@@ -264,7 +264,7 @@ def turn_heading(
 
 @lean
 def _tilted(slope: float, before: float, after: float) -> tuple[float, float, float, float]:
-    """A slope of the profile, tilted as the terrain, with angle, cosine and sine of the tilt.
+    """Return slope of the profile, tilted as the terrain, with angle, cosine and sine of the tilt.
 
     ``before`` and ``after`` are the slopes of the terrain along the old and the new heading.
     """
@@ -284,7 +284,7 @@ def _tilted(slope: float, before: float, after: float) -> tuple[float, float, fl
 
 @inlined
 def _rests_at(state: Record, block: Block, site: Site) -> float:
-    """Height at which the block would touch the ground as it stands (m)."""
+    """Return the height at which the block would touch the ground as it stands (m)."""
     if state.phase == ROLLING:
         radius = block.roll_radius
         return resting_height(state.x, 0.0, radius, radius, site.profile, 0)
@@ -312,7 +312,7 @@ def _rotate(state: Record, c: float, s: float) -> None:
 
 @inlined
 def _kinetic(state: Record, block: Block) -> float:
-    """Kinetic energy per unit mass (J/kg)."""
+    """Return the kinetic energy per unit mass (J/kg)."""
     twice = block.inertia * state.omega * state.omega
     if state.phase == FLIGHT:
         twice += state.vx * state.vx + state.vz * state.vz
@@ -345,7 +345,7 @@ def after_impact(
 ) -> None:
     """Turn the heading as an impact does; ``into`` is the normal speed before it (m/s).
 
-    ``hard`` is whether it was an impact: a soft landing meets no spot of its own.
+    ``hard`` is whether it was an impact: a soft landing meets no separate spot.
     """
     if state.phase == END or state.phase == IMPACT:
         return
@@ -459,7 +459,7 @@ def _straight_on(
     kappa: float,
     aside: float,
 ) -> float:
-    """A step on the ground, longer where the heading stays as it is; ``aside`` of the descent.
+    """Return step on the ground, longer where the heading stays as it is; ``aside`` of the descent.
 
     Twice as long again and again while the slope of the terrain is the same at its end.
     """
@@ -478,13 +478,13 @@ def _straight_on(
 
 @lean
 def _bending(gravity: float, steep2: float, level2: float) -> float:
-    """κ (1/m), from the squares of the gradient and of the horizontal speed (m²/s²)."""
+    """Return κ (1/m), from the squares of the gradient and of the horizontal speed (m²/s²)."""
     return gravity * math.sqrt(steep2) / ((1.0 + steep2) * max(level2, 1e-9))
 
 
 @lean
 def _bent(angle: float, kappa_s: float) -> float:
-    """By how much an angle to the descent falls over a length, times κ (rad).
+    """Return by how much an angle to the descent falls over a length, times κ (rad).
 
     The angle may be more than half a turn: the block turns the shorter way.
     """
@@ -497,7 +497,10 @@ def _bent(angle: float, kappa_s: float) -> float:
 
 @inlined
 def _angle_to(state: Record, gu: float, gv: float, cell_size: float) -> float:
-    """Angle from heading to descent as the block sees it, to the right; 0 on level ground (rad)."""
+    """Return the angle from heading to descent as the block sees it, to the right.
+
+    It is 0 on level ground (rad).
+    """
     if gu * gu + gv * gv <= 1e-12:
         return 0.0
     tu, tv = _downhill(state, gu, gv)
@@ -547,7 +550,10 @@ def stays_on_known(state: Record, site: Site) -> None:
 
 @inlined
 def wedged(state: Record) -> bool:
-    """Whether a block has not come on for so many stretches: between walls it turns on the spot."""
+    """Return whether a block has not come on for so many stretches.
+
+    Between walls it turns on the spot.
+    """
     if abs(state.x - state.stuck_x) > _NO_WAY_M:
         state.stuck_x = state.x
         state.stuck = 0

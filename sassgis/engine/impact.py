@@ -20,7 +20,7 @@ RULES = {"scale": SCALE, "coulomb": COULOMB, "restitution": RESTITUTION}
 
 @lean
 def energy_kept(x: float, y: float, inertia: float, vx: float, vy: float, omega: float) -> float:
-    """η_min: share of the kinetic energy kept when P becomes the centre of rotation.
+    """Return η_min: share of the kinetic energy kept when P becomes the centre of rotation.
 
     Equation (6). 1 for a block that does not move.
     """
@@ -35,7 +35,7 @@ def energy_kept(x: float, y: float, inertia: float, vx: float, vy: float, omega:
 def turn_about_contact(
     x: float, y: float, inertia: float, vx: float, vy: float, omega: float
 ) -> tuple[float, float, float]:
-    """Spin and velocity after an impact that keeps the angular momentum about P.
+    """Return the spin and velocity after an impact that keeps the angular momentum about P.
 
     Equations (3) to (5). Returns (v_x, v_y, ω).
     """
@@ -47,7 +47,7 @@ def turn_about_contact(
 def slip_at_contact(
     x: float, y: float, inertia: float, vx: float, vy: float, omega: float, mu: float
 ) -> tuple[float, float, float]:
-    """Impact without rebound of P in which friction holds the contact only up to μ.
+    """Return impact without rebound of P in which friction holds the contact only up to μ.
 
     Where the impulse that brings P to rest lies outside the friction cone, P slides on and the
     impulse lies on the cone. Returns (v_x, v_y, ω).
@@ -71,7 +71,7 @@ def slip_at_contact(
 
 @lean
 def restitution_at(e: float, halved_at: float, approach: float) -> float:
-    """Coefficient of restitution at a normal speed of the contact: e/(1 + (v_n/v)²).
+    """Return the coefficient of restitution at a normal speed of the contact: e/(1 + (v_n/v)²).
 
     Pfeiffer and Bowen (1989), as coded in PlatRock (Common/BounceModels.py) with v = 9.144 m/s.
     """
@@ -89,7 +89,7 @@ def rebound_at_contact(
     mu: float,
     e: float,
 ) -> tuple[float, float, float]:
-    """Impact with dry friction μ and Stronge's energetic coefficient of restitution e.
+    """Return the impact with dry friction μ and Stronge's energetic coefficient of restitution e.
 
     The normal impulse p grows from 0; slip s and approach c at P change in proportion to it. P
     slips until s = 0 (at p_s), then sticks, or slips back where friction cannot hold it. The
@@ -136,7 +136,7 @@ def rebound_at_contact(
 
 @lean
 def held_back(vx: float, ploughing: float, impulse: float) -> float:
-    """Speed along the ground after what the ground, yielding, pushes back (m/s).
+    """Return speed along the ground after what the ground, yielding, pushes back (m/s).
 
     The impulse ploughing × normal impulse acts at the centre, against its way: it stops the block
     at most, and leaves its spin. Blocks observed at Chant Sura lose speed along the ground without
@@ -156,7 +156,7 @@ def held_back(vx: float, ploughing: float, impulse: float) -> float:
 
 @lean
 def share_left(speed: float, growth: float, impulse: float) -> float:
-    """Share of a speed that a resistance of growth × speed² leaves over a normal impulse.
+    """Return share of a speed that a resistance of growth × speed² leaves over a normal impulse.
 
     From dv/dJ = −growth v²; ``growth`` (s²/m²), ``impulse`` per unit mass (m/s).
     """
@@ -167,7 +167,7 @@ def share_left(speed: float, growth: float, impulse: float) -> float:
 def limited(
     wx: float, wy: float, spin: float, inertia: float, most: float
 ) -> tuple[float, float, float]:
-    """Velocity and spin, scaled down together to twice a largest kinetic energy (J/kg)."""
+    """Return velocity and spin, scaled down together to twice a largest kinetic energy (J/kg)."""
     after = inertia * spin * spin + wx * wx + wy * wy
     if after > most:
         factor = math.sqrt(most / after)
@@ -185,7 +185,7 @@ def soft_landing(
     omega: float,
     resistance: float,
 ) -> tuple[float, float, float]:
-    """As turn_about_contact, less what rolling would take.
+    """Compute turn_about_contact, less what rolling would take.
 
     Rolling friction takes the energy μ_r (1 + I/r²) N along the path, N the normal force; here the
     normal impulse takes the place of the force over time. So landing softly costs what rolling
@@ -215,7 +215,7 @@ def impact(
     ploughing: float = 0.0,
     growth: float = 0.0,
 ) -> tuple[float, float, float]:
-    """Velocity and spin after an impact: limited to η_max, or with RESTITUTION held back.
+    """Return velocity and spin after an impact: limited to η_max, or with RESTITUTION held back.
 
     Parameters
     ----------
@@ -275,7 +275,7 @@ def normal_force(
     sin_slope: float,
     gravity: float,
 ) -> float:
-    """Normal force per unit mass on an ellipse that turns about P without slip (m/s²).
+    """Return the normal force per unit mass on an ellipse that turns about P without slip (m/s²).
 
     From the Lagrangian of the rolling ellipse: with K = ω²(I + x² + y²)/2 and gravity along both
     axes, ω' follows, and with it the acceleration of the centre along the normal.

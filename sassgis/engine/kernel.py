@@ -106,7 +106,7 @@ class ControlLineTable(NamedTuple):
 
 
 class Setup(NamedTuple):
-    """What the blocks of all lines have in common."""
+    """Data common to the blocks of all lines."""
 
     grounds: Records  # ground_switch.GROUND_DTYPE
     limits: Records  # (1, 2) or (n_lines, 2), model.blocks.LIMITS_DTYPE
@@ -173,7 +173,10 @@ class Work(NamedTuple):
 
 
 def _room_for_visits(n: int) -> NDArray[np.uint64]:
-    """Room for visits, which each thread keeps: the system clears memory that it gives out."""
+    """Return room for visits, which each thread keeps.
+
+    The system clears memory that it gives out.
+    """
     if getattr(_KEPT, "visits", np.empty(0)).size < n:
         _KEPT.visits = np.empty(n, np.uint64)
     own: NDArray[np.uint64] = _KEPT.visits
@@ -183,7 +186,7 @@ def _room_for_visits(n: int) -> NDArray[np.uint64]:
 def working_space(
     totals: Totals, effects: hooks.Effects | None, most_spawned: int, visits: int, on_map: bool
 ) -> Work:
-    """Working space for a chunk whose blocks are added to some totals.
+    """Return working space for a chunk whose blocks are added to some totals.
 
     ``most_spawned`` is how many blocks one released block may spawn, ``visits`` for how many of
     them to cells there is room; ``on_map`` is whether it is known where the paths lie on the map.
@@ -222,7 +225,7 @@ def simulate_lines(
     work : Work
         As working_space makes it.
     effects : Effects, optional
-        None for the model of 1986 alone.
+        None for the model of 1986 only.
 
     Returns
     -------
@@ -405,7 +408,7 @@ def release(
 def draw_place(
     key: np.uint64, u: float, v: float, sides: NDArray[np.float64]
 ) -> tuple[float, float]:
-    """Where a block starts: anywhere in the parallelogram that its release point represents."""
+    """Draw where a block starts in the parallelogram that its release point represents."""
     first = rng.uniform(key, rng.START_U, 0) - 0.5
     second = rng.uniform(key, rng.START_V, 0) - 0.5
     return (
@@ -416,7 +419,7 @@ def draw_place(
 
 @kernel
 def site_of(i: int, lines: Lines, setup: Setup) -> Site:
-    """What the blocks of line i move over."""
+    """Return the ground over which the blocks of line i move."""
     v0 = lines.offset[i]
     v1 = lines.offset[i + 1]
     s, z, ground = without_straight_vertices(lines.s[v0:v1], lines.z[v0:v1], lines.ground[v0:v1])
@@ -439,7 +442,10 @@ def site_of(i: int, lines: Lines, setup: Setup) -> Site:
 
 @lean
 def spawned_block(spawned_row: Record, density: float, key: np.uint64, number: int) -> Block:
-    """The spawned block of some number of a released block with a key; it has draws of its own."""
+    """Return the spawned block of some number of a released block with a key.
+
+    It has separate draws.
+    """
     own = rng.mix(key + np.uint64(number) * np.uint64(0x9E3779B97F4A7C15))
     return block_of(spawned_row.a, spawned_row.b, spawned_row.c, density, spawned_row.mass, own)
 
@@ -459,7 +465,7 @@ def open_row(row: Record, line: int, number: int, spawned: int, start: float) ->
 
 @lean
 def stated_axes(drawn: Block, block: Block, n_spawned: int) -> tuple[float, float]:
-    """Longer axes of the released block as it was drawn; of a fragment as it moves (m)."""
+    """Return longer axes of the released block as it was drawn; of a fragment as it moves (m)."""
     if n_spawned > 0:
         return block.a, block.b
     return drawn.a, drawn.b

@@ -48,13 +48,13 @@ class Velocity(NamedTuple):
 
 @lean
 def _kinetic(block: Block, vx: float, vz: float, omega: float) -> float:
-    """Kinetic energy (J/kg)."""
+    """Return the kinetic energy (J/kg)."""
     return 0.5 * (vx * vx + vz * vz + block.inertia * omega * omega)
 
 
 @lean
 def _trembles(state: Record, block: Block, energy: float, gravity: float) -> bool:
-    """Whether contacts on one spot show that a block only trembles: it has come to rest."""
+    """Return whether contacts on one spot show that a block only trembles: it has come to rest."""
     if abs(state.x - state.spot_x) + abs(state.z - state.spot_z) < _SAME_SPOT * block.radius:
         state.crowded += 1
         return bool(state.crowded > _MOST_ON_SPOT and energy < _REST_SHARE * gravity * block.radius)
@@ -66,7 +66,7 @@ def _trembles(state: Record, block: Block, energy: float, gravity: float) -> boo
 
 @lean
 def _varied_normal(state: Record, block: Block, site: Site, vt: float) -> tuple[float, float]:
-    """Normal of the ground that an impact meets, with the slope varied on descending ground.
+    """Return normal of the ground that an impact meets, with the slope varied on descending ground.
 
     tan β' = tan β (1 − u), Bozzolo and Pamini (1986), Table 1.
     """
@@ -86,7 +86,10 @@ def _varied_normal(state: Record, block: Block, site: Site, vt: float) -> tuple[
 
 @lean
 def _resistance(block: Block, ground: Record, speed: float, growing: float) -> float:
-    """(μ_r + μ_v v²/(g d)) (1 + I/r²): energy that rolling takes, over normal force and path."""
+    """Return (μ_r + μ_v v²/(g d)) (1 + I/r²).
+
+    This is the energy that rolling takes, over normal force and path.
+    """
     mu_r = rolling_friction(block, ground)
     return float(block.roll_share * (mu_r + growing * speed * speed))
 
@@ -167,7 +170,7 @@ def land(
     physics: Physics,
     effects: hooks.Effects | None,
 ) -> None:
-    """From contact with ground of normal (nx, nz) to flight, to motion along the ground or to rest.
+    """Turn a contact with ground of normal (nx, nz) into flight, motion along the ground or rest.
 
     A block that reaches the ground slowly lands softly, without an impact: it turns about the point
     of contact, equations (3) to (5) of Bozzolo and Pamini (1986).
@@ -242,14 +245,14 @@ def land(
 
 @lean
 def _soft_speed2(state: Record, block: Block, site: Site, gravity: float, nz: float) -> float:
-    """Square of the normal speed below which the ground of a segment is reached softly (m²/s²)."""
+    """Return the squared normal speed below which a segment is reached softly (m²/s²)."""
     threshold = site.grounds[site.profile[state.segment].ground].rolling_threshold
     return float(2.0 * gravity * nz * threshold * block.radius)
 
 
 @lean
 def _recedes(state: Record, block: Block, site: Site, gravity: float) -> bool:
-    """Whether a block leaves the segment along which it would move on, as beyond a convex edge."""
+    """Return whether a block leaves the segment of its motion, as beyond a convex edge."""
     here = site.profile[state.segment]
     away = state.vz * here.tx - state.vx * here.tz
     low = _soft_speed2(state, block, site, gravity, here.tx)
@@ -258,7 +261,7 @@ def _recedes(state: Record, block: Block, site: Site, gravity: float) -> bool:
 
 @inlined
 def _radius_met(state: Record, block: Block) -> float:
-    """Radius of the circle as which a block meets the ground (m), 0 for its ellipse."""
+    """Return the radius of the circle as which a block meets the ground (m), 0 for its ellipse."""
     if state.as_circle:
         return float(block.roll_radius)
     return float(block.b) if state.by_core else 0.0
@@ -266,9 +269,9 @@ def _radius_met(state: Record, block: Block) -> float:
 
 @inlined
 def _leaves(physics: Physics, as_circle: bool, wn: float, contact: float, low: float) -> bool:
-    """Whether an impact that leaves some normal speeds of centre and contact is one into flight.
+    """Return whether an impact with these final normal speeds of centre and contact starts flight.
 
-    ``low`` is the square of the speed below which a rebound of the contact alone does not count.
+    ``low`` is the square of the speed below which a rebound of only the contact does not count.
     """
     if physics.eta_rule == RESTITUTION and contact > 1e-12 and contact * contact >= low:
         return True
@@ -291,7 +294,7 @@ def _leave_as_ellipse(state: Record, block: Block) -> None:
 
 @inlined
 def way_on(wt: float, omega: float, radius: float) -> int:
-    """Direction along the ground, 1 or -1, of a block with some velocity there (m/s) and spin.
+    """Return the direction along the ground, 1 or -1, of a block with velocity (m/s) and spin.
 
     One that the ground has stopped along its way goes on as it spins: rounding must not decide.
     """
@@ -331,7 +334,7 @@ def _settle(state: Record, block: Block, site: Site, gravity: float, velocity: V
 def rolling_place(
     profile: Records, segment: int, foot_x: float, foot_z: float, radius: float
 ) -> tuple[float, float]:
-    """Centre of a block that rolls as a circle over a foot, where nothing else is in the way."""
+    """Find the centre of a block that rolls as a circle over a foot with nothing in the way."""
     here = profile[segment]
     x = foot_x - radius * here.tz
     z = foot_z + radius * here.tx

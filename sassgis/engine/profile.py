@@ -23,7 +23,7 @@ STRAIGHT = 1e-9
 
 @kernel
 def profile_of(s: FloatArray, z: FloatArray, ground: NDArray[np.int32]) -> Records:
-    """The segments between vertices.
+    """Return the segments between vertices.
 
     Parameters
     ----------
@@ -60,7 +60,7 @@ def profile_of(s: FloatArray, z: FloatArray, ground: NDArray[np.int32]) -> Recor
 def without_straight_vertices(
     s: FloatArray, z: FloatArray, ground: NDArray[np.int32]
 ) -> tuple[FloatArray, FloatArray, NDArray[np.int32]]:
-    """The profile without vertices at which neither direction nor ground changes.
+    """Return the profile without vertices at which neither direction nor ground changes.
 
     Such a vertex is none: however a straight slope is cut, the same blocks come down it.
     """
@@ -97,7 +97,7 @@ def stretches_of(
     on_map: FloatArray,
     s: FloatArray,
 ) -> Records:
-    """Stretches of cells, cut at the vertices.
+    """Return stretches of cells, cut at the vertices.
 
     Parameters
     ----------
@@ -152,7 +152,7 @@ def stretches_of(
 
 @lean
 def segment_at(profile: Records, x: float, near: int) -> int:
-    """The segment under chainage x."""
+    """Return the segment under chainage x."""
     j = near
     n = last_of(profile)
     while j > 0 and profile[j].x > x:
@@ -164,7 +164,7 @@ def segment_at(profile: Records, x: float, near: int) -> int:
 
 @inlined
 def angle_of(profile: Records, j: int) -> float:
-    """Angle of segment j to the horizontal, positive if it rises (rad)."""
+    """Return the angle of segment j to the horizontal, positive if it rises (rad)."""
     here = profile[j]
     if math.isnan(here.angle):
         after = profile[j + 1]
@@ -174,14 +174,14 @@ def angle_of(profile: Records, j: int) -> float:
 
 @lean
 def along(profile: Records, j: int, x: float, z: float) -> float:
-    """Distance of a point along segment j from its start (m)."""
+    """Return the distance of a point along segment j from its start (m)."""
     row = profile[j]
     return float((x - row.x) * row.tx + (z - row.z) * row.tz)
 
 
 @lean
 def turn(profile: Records, j: int, direction: int) -> float:
-    """Sine of the turn from segment j to the next in a direction; above 0: convex."""
+    """Return the sine of the turn from segment j to the next in a direction; above 0: convex."""
     here = profile[j]
     after = profile[j + direction]
     cross = here.tx * after.tz - here.tz * after.tx
@@ -190,7 +190,7 @@ def turn(profile: Records, j: int, direction: int) -> float:
 
 @lean
 def foot_segment(profile: Records, j: int, x: float, z: float, direction: int) -> int:
-    """The segment along which a block that touches segment j moves on in a direction."""
+    """Return the segment along which a block that touches segment j moves on in a direction."""
     n = last_of(profile)
     while True:
         u = along(profile, j, x, z)
@@ -218,7 +218,7 @@ def foot_segment(profile: Records, j: int, x: float, z: float, direction: int) -
 
 @lean
 def stretch_from(stretches: Records, i: int, x: float) -> int:
-    """The stretch under chainage x, looking ahead from stretch i."""
+    """Return the stretch under chainage x, looking ahead from stretch i."""
     while i < last_of(stretches) - 1 and stretches[i + 1].start < x:
         i += 1
     return i
@@ -226,7 +226,7 @@ def stretch_from(stretches: Records, i: int, x: float) -> int:
 
 @lean
 def to_cell_border(stretches: Records, i: int, x: float, direction: int) -> tuple[int, float]:
-    """Stretch ahead of a block that moves in a direction, and the distance to its border (m)."""
+    """Find the stretch ahead of a block in a direction, and the distance to its border (m)."""
     n = last_of(stretches)
     while direction > 0 and i < n - 1 and stretches[i + 1].start <= x + _PAST:
         i += 1
@@ -238,7 +238,7 @@ def to_cell_border(stretches: Records, i: int, x: float, direction: int) -> tupl
 
 @lean
 def last_stretch(profile: Records, stretches: Records, reason: int, x: float, start: float) -> int:
-    """Stretch in which a block ends; -1 outside."""
+    """Return the stretch in which a block ends; -1 outside."""
     if x < profile[0].x or x > profile[last_of(profile)].x:
         return -1
     # The last stretch that starts at or before x.

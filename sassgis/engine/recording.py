@@ -1,4 +1,4 @@
-"""What a moving block leaves in the cells that it enters: its maxima and its time of arrival.
+"""Records of a moving block in the cells that it enters: its maxima and its time of arrival.
 
 The cells under a profile come as stretches that are also cut at the profile's vertices, so that
 the ground is straight in each. Over a stretch the speed of a flight is greatest at an end and its
@@ -38,7 +38,7 @@ STRETCH_DTYPE = record_type(
 
 
 class CellWork(NamedTuple):
-    """What one block did in each cell of a chunk.
+    """Records of one block in each cell of a chunk.
 
     What is touched together lies together, so that the processor fetches it at once.
     """
@@ -49,7 +49,10 @@ class CellWork(NamedTuple):
 
 
 def empty_work(n_cells: int, chords: bool) -> CellWork:
-    """Room for what a block does in the cells of a chunk; if wanted, for its path across each."""
+    """Return room for what a block does in the cells of a chunk.
+
+    If wanted, there is also room for its path across each.
+    """
     return CellWork(
         np.full((n_cells, N_RECORDED), -1.0),
         np.zeros(n_cells, np.int64),
@@ -84,7 +87,7 @@ def _raise(
 
 @lean
 def stretch_at(stretches: NDArray[np.void], x: float, near: int) -> int:
-    """The stretch under chainage x."""
+    """Return the stretch under chainage x."""
     i = near
     while i > 0 and stretches[i].start > x:
         i -= 1
@@ -95,7 +98,7 @@ def stretch_at(stretches: NDArray[np.void], x: float, near: int) -> int:
 
 @lean
 def _on_map(stretches: NDArray[np.void], i: int, x: float) -> tuple[float, float]:
-    """Place on the map (u, v) of chainage x in stretch i, which is straight there."""
+    """Return the place on the map (u, v) of chainage x in stretch i, which is straight there."""
     here = stretches[i]
     after = stretches[i + 1]
     length = after.start - here.start

@@ -1,7 +1,7 @@
 """Resistance that grows with the speed, on the ground and at impacts.
 
 Beside friction the ground holds a block back with μ_v v²/(g d) times the normal force, d the
-diameter of the block: ground that is ploughed and thrown aside takes momentum from it, and with
+diameter of the block: ground that is ploughed and thrown sideways takes momentum from it, and with
 v²/(g d) blocks of all sizes move alike. Form and values are ours; that speeds saturate on long
 slopes, later for larger blocks, is observed (docs/studies/kinematics.md).
 
@@ -23,7 +23,7 @@ _STEADY = 1e-6
 
 @lean
 def gained(pull: float, fade: float, path: float) -> float:
-    """Change of v² over a path (m²/s²); ``fade`` is κ (1/m)."""
+    """Return the change of v² over a path (m²/s²); ``fade`` is κ (1/m)."""
     x = 2.0 * fade * path
     if abs(x) < _STRAIGHT:
         return 2.0 * pull * path
@@ -32,7 +32,10 @@ def gained(pull: float, fade: float, path: float) -> float:
 
 @lean
 def path_to(pull: float, fade: float, change: float) -> float:
-    """Path over which v² changes by some amount of the sign of ``pull`` (m); infinite if never."""
+    """Return the path over which v² changes by some amount of the sign of ``pull`` (m).
+
+    It is infinite if it never does.
+    """
     x = -fade * change / pull
     if x <= -1.0:
         return math.inf
@@ -43,7 +46,10 @@ def path_to(pull: float, fade: float, change: float) -> float:
 
 @lean
 def share_gained(share: float, fading: float) -> float:
-    """Share of the change of v² after a share of a path; ``fading`` is 2 κ times all of it."""
+    """Return the share of the change of v² after a share of a path.
+
+    ``fading`` is 2 κ times all of it.
+    """
     if fading < _STRAIGHT:
         return share
     return math.expm1(-fading * share) / math.expm1(-fading)
@@ -51,7 +57,7 @@ def share_gained(share: float, fading: float) -> float:
 
 @lean
 def time_over(steady: float, fade: float, before: float, after: float, path: float) -> float:
-    """Time for a path (s) along which the speed goes from one to another (m/s).
+    """Return the time for a path (s) along which the speed goes from one to another (m/s).
 
     From dv/dt = p − κ v²; ``steady`` is p (m/s²).
     """

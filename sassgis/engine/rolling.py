@@ -14,7 +14,7 @@ from sassgis.engine.resistance import gained, path_to
 from sassgis.engine.rows import Record
 from sassgis.engine.state import Block, Physics
 
-# What ends a stretch of rolling or sliding. Only TO_SLIDING and LIFT_OFF are found here; PART is a
+# What ends a stretch of rolling or sliding. TO_SLIDING and LIFT_OFF are computed here; PART is a
 # stretch that an effect has cut, after which the motion goes on, TO_ROLLING one of sliding after
 # which the block tips over.
 SEGMENT_END, STOP, TO_SLIDING, LIFT_OFF, GROUND_AHEAD, PROFILE_END, PART = 0, 1, 2, 3, 4, 5, 6
@@ -22,20 +22,26 @@ TO_ROLLING = 7
 
 _WIDEST = 1.5
 _SCANS = 24
-# The angle at which a block lifts off is found to this (rad), in so many steps at most.
+# The angle at which a block lifts off is computed to this (rad), in so many steps at most.
 _ANGLE = 1e-8
 _MOST_STEPS = 60
 
 
 @lean
 def rolling_friction(block: Block, ground: Record) -> float:
-    """μ_r = μ_0 + k d*/d, equation (2), d the diameter of the block; times a factor of its own."""
+    """Return μ_r = μ_0 + k d*/d, equation (2), d the diameter of the block.
+
+    It is multiplied by a factor of the block.
+    """
     return float(block.drag * (ground.mu_0 + ground.k * ground.d_star_m / (2.0 * block.radius)))
 
 
 @inlined
 def growth(block: Block, ground: Record, physics: Physics) -> float:
-    """μ_v/(g d) times the factor of the block: resistance over normal force, by v² (s²/m²)."""
+    """Return μ_v/(g d) times the factor of the block.
+
+    This is the resistance over normal force, by v² (s²/m²).
+    """
     if physics.eta_rule != RESTITUTION:
         return 0.0
     return float(block.drag * ground.mu_v / (2.0 * block.radius * physics.gravity))
@@ -54,7 +60,7 @@ class Way(NamedTuple):
 
 @lean
 def lift_off_speed(block: Block, gravity: float, cos_slope: float) -> float:
-    """Rolling speed above which an ellipse leaves the ground before it stands upright (m/s).
+    """Return rolling speed above which an ellipse leaves the ground before it stands upright (m/s).
 
     Upright, the normal force is g cos β − ω² (a² − b²)/a. The spin there follows from the rolling
     energy less what lifts the centre from the mean radius to a.
@@ -67,7 +73,7 @@ def lift_off_speed(block: Block, gravity: float, cos_slope: float) -> float:
 
 @lean
 def _force_before_upright(block: Block, way: Way, angle: float) -> tuple[float, float]:
-    """Normal force per unit mass ``angle`` before the ellipse stands upright (m/s²), and its rate.
+    """Compute the normal force per unit mass (m/s²) and its rate ``angle`` before the upright.
 
     Its kinetic energy is that of steady rolling at the mean radius, less what has lifted its centre
     above that; the force is impact.normal_force.
@@ -111,7 +117,7 @@ def _force_before_upright(block: Block, way: Way, angle: float) -> tuple[float, 
 
 @lean
 def lift_off_angle(block: Block, way: Way) -> float:
-    """How long before it stands upright a rolling ellipse leaves the ground (rad).
+    """Compute the angle (rad) before the upright at which a rolling ellipse leaves the ground.
 
     The largest angle before the upright at which the normal force ends, 0 if only there.
     """
@@ -136,7 +142,7 @@ def lift_off_angle(block: Block, way: Way) -> float:
 
 @lean
 def _guess(upright: float, weight: float) -> float:
-    """About how long before the upright the force ends (rad), from that upright (m/s²).
+    """Guess how long before the upright the force ends (rad), from that upright (m/s²).
 
     With the spin constant and without what turns the block the force is weight + curvature ω², and
     the curvature about −cos 2α of that upright: sin² α = F/(2 (F − weight)).
@@ -147,7 +153,7 @@ def _guess(upright: float, weight: float) -> float:
 
 @lean
 def _end_of_force(block: Block, way: Way, low: float, high: float, angle: float) -> float:
-    """Where between two angles (rad) the normal force ends: it is 0 or less at ``low`` only.
+    """Find where between two angles (rad) the normal force ends: it is 0 or less at ``low`` only.
 
     Newton's method from ``angle`` on; from the second step on by the cubic of the angle over the
     force through the last two values and slopes.
@@ -200,7 +206,7 @@ def rolling_stretch(
     as_ellipse: bool,
     end_sliding: bool,
 ) -> tuple[float, int, float]:
-    """Distance that a block rolls until the segment ends, it stops, slides or lifts off.
+    """Return the distance that a block rolls until the segment ends, it stops, slides or lifts off.
 
     Parameters
     ----------

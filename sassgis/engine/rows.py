@@ -18,11 +18,14 @@ Records = NDArray[np.void]
 
 
 def record_type(*fields: tuple[str, Any]) -> np.dtype[np.void]:
-    """A structured dtype whose rows give their fields as attributes."""
+    """Return a structured dtype whose rows give their fields as attributes."""
     return np.dtype((np.record, list(fields)))
 
 
 @inlined
 def last_of(rows: Records) -> int:
-    """Position of the last vertex, or of the end of the last stretch; number of crossings."""
+    """Return the position of the last vertex, or of the end of the last stretch.
+
+    For crossings it is their number.
+    """
     return int(rows[0].last)

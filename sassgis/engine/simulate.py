@@ -68,7 +68,7 @@ class Visits:
     Attributes
     ----------
     visits : uint64, shape (n,)
-        As statistics.by_cell gives them.
+        As statistics.by_cell returns them.
     place : int32
         Position in the cells of the result of each cell as the visits count them.
     """
@@ -86,7 +86,7 @@ class Visits:
 
 @dataclass(frozen=True)
 class Simulated:
-    """What the blocks of some lines left.
+    """Results of the blocks of some lines.
 
     Attributes
     ----------
@@ -148,7 +148,7 @@ class Simulated:
 
 
 def left_in_cells(totals: Totals, work: Work, rows: IntArray) -> dict[str, Any]:
-    """What blocks left in some cells, by their names in Simulated."""
+    """Return the records of blocks in some cells, by the names in Simulated."""
     reach = by_threshold(totals.reach, rows)
     sums = totals.sums
     kept = by_name(CellSums(sums.stops[rows], sums.values[rows], ()), *reach.values()) | reach
@@ -163,13 +163,16 @@ def left_in_cells(totals: Totals, work: Work, rows: IntArray) -> dict[str, Any]:
 
 
 def by_threshold(reach: Exceedance, rows: IntArray | None = None) -> dict[str, IntArray]:
-    """Counts of some places, or of all, under their names."""
+    """Return counts of some places, or of all, under their names."""
     blocks, square = counted(reach, np.arange(reach.top.size) if rows is None else rows)
     return {"exceed": blocks, "exceed_square": square}
 
 
 def _disks(window: Window | None, cells: IntArray) -> tuple[IntArray, Disks]:
-    """The windows that blocks in some cells may meet: flat indices of their middle, and disks."""
+    """Return the windows that blocks in some cells may meet.
+
+    They are flat indices of their middle, and disks.
+    """
     if window is None:
         none = np.empty(0, np.int64)
         nowhere = Objects(np.zeros(cells.size + 1, np.int64), none)
@@ -206,7 +209,10 @@ def _check(profiles: ProfileSet, table: GroundTable) -> None:
 
 
 def _checked_starts(profiles: ProfileSet, starts: FloatArray) -> FloatArray:
-    """Starting chainages as the kernel takes them; InputError where one is off its profile."""
+    """Return starting chainages as the kernel takes them.
+
+    Raises InputError where one is off its profile.
+    """
     # A copy: for an array that may not be written to the whole kernel would be compiled again.
     starts = np.array(starts, np.float64).reshape(len(profiles), 2)
     first = profiles.s[profiles.offset[:-1]]
@@ -223,7 +229,7 @@ def _checked_starts(profiles: ProfileSet, starts: FloatArray) -> FloatArray:
 
 
 def _cells_of(profiles: ProfileSet) -> tuple[IntArray, IntArray]:
-    """Cells under the profiles, ascending, and the position among them of each stretch, or -1."""
+    """Find the cells under profiles, ascending, and each stretch's position among them, or -1."""
     cells, local = np.unique(profiles.cell, return_inverse=True)
     known = cells >= 0
     local = np.where(profiles.cell >= 0, local - int((~known).sum()), -1).astype(np.int64)
@@ -231,7 +237,7 @@ def _cells_of(profiles: ProfileSet) -> tuple[IntArray, IntArray]:
 
 
 def control_line_table(lines: Sequence[ControlLine]) -> ControlLineTable:
-    """Stations and barriers as the kernel takes them."""
+    """Return stations and barriers as the kernel takes them."""
     barrier = {True: control_line_rules.RESTARTS, False: control_line_rules.STOPS}
     rules = [
         control_line_rules.STATION if line.kind == "station" else barrier[line.restarts_from_rest]
@@ -245,7 +251,7 @@ def control_line_table(lines: Sequence[ControlLine]) -> ControlLineTable:
 
 
 def _forest_under(profiles: ProfileSet, forest: Forest | None) -> tuple[FloatArray, FloatArray]:
-    """Stems per square metre and their diameter (m) on each cell of each line."""
+    """Return stems per square metre and their diameter (m) on each cell of each line."""
     if forest is None:
         none = np.zeros(profiles.cell.size)
         return none, none
@@ -265,7 +271,7 @@ def _lines(
     keys: NDArray[np.uint64],
     starts: FloatArray,
 ) -> Lines:
-    """The profiles as the kernel takes them; ``local`` is the position of each cell."""
+    """Return the profiles as the kernel takes them; ``local`` is the position of each cell."""
     stems, diameter = _forest_under(profiles, forest)
     return Lines(
         offset=profiles.offset,
@@ -288,7 +294,7 @@ def _lines(
 
 
 def physics_of(settings: EngineSettings) -> Physics:
-    """Settings as the kernel reads them, from those of the named set and the user's."""
+    """Return settings as the kernel reads them, from those of the named set and the user's."""
     return Physics(
         gravity=float(settings.gravity_mps2),
         eta_rule=impact_rules.RULES[settings.eta_max_rule or ""],
@@ -315,7 +321,7 @@ def setup_of(
     n_blocks: int,
     seed: int,
 ) -> Setup:
-    """What the blocks of all lines have in common, as the kernel takes it."""
+    """Return the setup common to the blocks of all lines, as the kernel takes it."""
     populations = [blocks] if isinstance(blocks, BlockPopulation) else blocks
     settings = settings.resolved()
     return Setup(
@@ -330,7 +336,7 @@ def setup_of(
 
 
 def blocks_of(rows: Rows, log_events: int) -> dict[str, Any]:
-    """Rows that blocks have filled, by their names in Simulated."""
+    """Return rows that blocks have filled, by their names in Simulated."""
     n_passages, n_spawned = rows.filled
     counts = rows.event_counts
     return {
@@ -344,7 +350,7 @@ def blocks_of(rows: Rows, log_events: int) -> dict[str, Any]:
 
 
 def empty_rows(n: int, n_passages: int, n_spawned: int, n_events: int) -> Rows:
-    """Room for so many released blocks, passages, spawned blocks and events of each block."""
+    """Make room for so many released blocks, passages, spawned blocks and events of each."""
     return Rows(
         rocks=np.zeros(n, _RECORDS_OF_ROCKS),
         passages=np.zeros(max(n_passages, 1), _RECORDS_OF_PASSAGES),
@@ -358,7 +364,7 @@ def empty_rows(n: int, n_passages: int, n_spawned: int, n_events: int) -> Rows:
 
 
 def too_many_spawned() -> InputError:
-    """The error for a block that spawns too many others."""
+    """Return the error for a block that spawns too many others."""
     return InputError(
         "a block spawns too many others",
         field="effects",

@@ -55,7 +55,7 @@ _ENOUGH: dict[tuple[tuple[int, int], int], int] = {}
 
 @dataclass(frozen=True, slots=True)
 class PathTerrain:
-    """What paths are followed on."""
+    """Terrain on which paths are followed."""
 
     grid: Grid  # heights that blocks move over
     ground: NDArray[np.int32]  # shape of the grid; ground class of each cell
@@ -160,7 +160,7 @@ def follow(
 
 
 def _wanted(worth: Worth | None, register: CellRegister, n: int) -> Wanted | None:
-    """Where more is wanted as the kernel takes it, for so many points."""
+    """Return the places where more is wanted for so many points, in the form of the kernel."""
     if worth is None:
         return None
     # A copy where it may not be written to, as of another process: see _checked_starts.
@@ -170,17 +170,17 @@ def _wanted(worth: Worth | None, register: CellRegister, n: int) -> Wanted | Non
 
 
 def room_at_first(steps: int) -> int:
-    """Cells for which there is room at first, if so many windows are listed for each.
+    """Return cells for which there is room at first, if so many windows are listed for each.
 
     Where it was too few the blocks are simulated again, with room for twice as many. Room that
-    is not used costs next to nothing, but the list of windows is in one piece: as many cells as
+    is not used costs next to nothing, but the list of windows is in one block: as many cells as
     64 MB hold, and 8192 at least.
     """
     return max(1 << 13, min(1 << 16, (1 << 23) // max(steps, 1)))
 
 
 def _places(grid: Grid, points: ReleasePoints) -> tuple[FloatArray, FloatArray]:
-    """Places of release points in cells; InputError where no height is known."""
+    """Return places of release points in cells; InputError where no height is known."""
     bad = np.flatnonzero(~np.isfinite(grid.value_at(points.x, points.y)))
     if bad.size:
         x, y = points.x[bad[0]], points.y[bad[0]]
@@ -196,7 +196,7 @@ def _places(grid: Grid, points: ReleasePoints) -> tuple[FloatArray, FloatArray]:
 def _path(
     terrain: PathTerrain, settings: EngineSettings, register: CellRegister, points: ReleasePoints
 ) -> Path:
-    """The terrain as the kernel takes it."""
+    """Return the terrain as the kernel takes it."""
     grid, forest = terrain.grid, terrain.forest
     table = control_line_table([line for line, _ in terrain.control_lines])
     traces = [np.asarray(trace, np.float64) for _, trace in terrain.control_lines]
@@ -228,7 +228,7 @@ def _path(
 def _named(
     grid: Grid, register: CellRegister, totals: Totals, rows: Rows, work: Work, log_events: int
 ) -> Simulated:
-    """What the blocks left, cells and windows in ascending order."""
+    """Return the results of the blocks, cells and windows in ascending order."""
     known = int(register.counts[CELLS])
     came = totals.reach.blocks[:known, :, 0].any(axis=1) | (totals.sums.stops[:known] > 0)
     reached = np.flatnonzero(came)
@@ -255,7 +255,7 @@ def _named(
 
 
 def _hull(rows: IntArray, cols: IntArray) -> tuple[int, int, int, int] | None:
-    """First and last row, first and last column; None of no cell."""
+    """Return the first and last row, first and last column; None of no cell."""
     if not rows.size:
         return None
     return int(rows.min()), int(rows.max()), int(cols.min()), int(cols.max())

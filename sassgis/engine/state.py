@@ -1,4 +1,4 @@
-"""What the kernels read and write: the block, its state, the profile under it, and its records.
+"""Data of the kernels: the block, its state, the profile under it, and its records.
 
 Records (rows of structured arrays) are passed by reference: a kernel that takes the state of a
 block changes it in place, and what it does not name stays as it is. NamedTuples are passed by
@@ -58,7 +58,7 @@ STATE_FIELDS: tuple[tuple[str, Any], ...] = (
     ("phase", _I),
     ("reason", _I),  # stopping reason
     ("began", _F),  # since the release, when a spawned block came into being (s)
-    ("t", _F),  # since its own start (s)
+    ("t", _F),  # since its start (s)
     ("x", _F),  # centre: chainage (m)
     ("z", _F),  # height (m)
     ("vx", _F),
@@ -111,7 +111,7 @@ STATE_FIELDS: tuple[tuple[str, Any], ...] = (
     ("low", _F),  # limits of the slope of the last segment
     ("high", _F),
     ("about", _F),  # 1, or -1 where it has turned about an odd number of times
-    ("drift", _F),  # angle by which it drifts aside of the descent (rad)
+    ("drift", _F),  # angle by which it drifts sideways of the descent (rad)
     ("drift_cos", _F),
     ("drift_sin", _F),
     ("stuck_x", _F),  # chainage at which its last stretches on the ground ended (m)
@@ -203,7 +203,7 @@ class Physics(NamedTuple):
 
 
 class Site(NamedTuple):
-    """What a block moves over."""
+    """Ground over which a block moves."""
 
     profile: Records  # VERTEX_DTYPE
     grounds: Records  # ground_switch.GROUND_DTYPE
@@ -226,7 +226,7 @@ class Spawned(NamedTuple):
 
 
 class Output(NamedTuple):
-    """What a block leaves behind as it moves."""
+    """Records of a block as it moves."""
 
     passages: Records  # PASSAGE_DTYPE, those of this block from the top
     work: CellWork
@@ -280,7 +280,7 @@ def same_event(state: Record, physics: Physics) -> None:
 def trajectory(
     log: NDArray[np.void], gravity: float, step_s: float = 0.02
 ) -> tuple[FloatArray, FloatArray]:
-    """Path of the centre of a block.
+    """Return the path of the centre of a block.
 
     Parameters
     ----------

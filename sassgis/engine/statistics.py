@@ -16,7 +16,7 @@ from sassgis.settings.statistics_table import QUANTITIES, Bins, Reducer, sums_by
 
 
 def _quantities(reducer: Reducer) -> tuple[int, ...]:
-    """Which quantity each column of the sums of a kind is made from."""
+    """Find the quantity from which each column of the sums of a kind is made."""
     return tuple(QUANTITIES.index(s.quantity) for s in sums_by(reducer))
 
 
@@ -80,7 +80,7 @@ class Exceedance(NamedTuple):
 
 
 def no_exceedance(n: int, thresholds: int) -> Exceedance:
-    """Counts for ``n`` cells or objects and so many thresholds."""
+    """Return counts for ``n`` cells or objects and so many thresholds."""
     return Exceedance(
         np.zeros((n, thresholds, 2), np.int64), np.zeros((n, thresholds + 1), np.uint32),
         np.full(n, -1, np.int16), np.zeros(n, np.int64), np.zeros(1, np.int64),
@@ -89,7 +89,7 @@ def no_exceedance(n: int, thresholds: int) -> Exceedance:
 
 @kernel
 def counted(sums: Exceedance, rows: IntArray) -> tuple[IntArray, IntArray]:
-    """Blocks and squares at the thresholds of some places, where all blocks are counted."""
+    """Return blocks and squares at the thresholds of some places, where all blocks are counted."""
     shape = rows.size, sums.blocks.shape[1]
     blocks = np.empty(shape, np.int64)
     square = np.empty(shape, np.int64)
@@ -135,12 +135,12 @@ class PlaceWork(NamedTuple):
 
 
 def place_work(n: int) -> PlaceWork:
-    """Working space for so many places."""
+    """Return working space for so many places."""
     return PlaceWork(np.full(n, -1.0), np.zeros(n, np.int64), np.zeros(1, np.int64))
 
 
 def flat_bins(bins: Bins) -> FlatBins:
-    """The bins as the kernel takes them."""
+    """Return the bins as the kernel takes them."""
     edges = [bins.edges[s.name][1:-1] for s in sums_by("histogram")]
     edges.append(bins.threshold[1:])
     if max(e.size for e in edges) > _BINS:
@@ -156,8 +156,8 @@ def flat_bins(bins: Bins) -> FlatBins:
 
 
 def empty_sums(n_cells: int, bins: FlatBins) -> CellSums:
-    """Sums for ``n_cells`` cells to which nothing has come yet."""
-    # In one piece, so large that it comes zeroed from the system: of zeros that nobody writes to no
+    """Return sums for ``n_cells`` cells to which nothing has come yet."""
+    # In one block, so large that it comes zeroed from the system: of zeros that nobody writes to no
     # memory is taken then. Smaller ones the C library takes of its own, and clears.
     zeros = np.zeros(n_cells * bins.first[-2], np.uint32)
     edges = pairwise(bins.first[:-1])
@@ -169,7 +169,10 @@ def empty_sums(n_cells: int, bins: FlatBins) -> CellSums:
 
 
 def by_name(sums: CellSums, blocks: IntArray, square: IntArray) -> dict[str, NDArray[np.generic]]:
-    """The sums under their names in the table, but for the histograms; blocks at the thresholds."""
+    """Return the sums under their names in the table, but for the histograms.
+
+    Blocks at the thresholds are among them.
+    """
     out: dict[str, NDArray[np.generic]] = {
         "reach": blocks[:, 0], "reach_square": square[:, 0], "stops": sums.stops,
     }  # fmt: skip
@@ -178,13 +181,13 @@ def by_name(sums: CellSums, blocks: IntArray, square: IntArray) -> dict[str, NDA
 
 
 def histograms(sums: CellSums) -> dict[str, NDArray[np.uint32]]:
-    """The histograms under their names in the table."""
+    """Return the histograms under their names in the table."""
     return {s.name: own for s, own in zip(sums_by("histogram"), sums.counts, strict=True)}
 
 
 @lean
 def _bin_of(bins: FlatBins, which: int, value: float) -> int:
-    """The bin that holds a value.
+    """Return the bin that holds a value.
 
     ``which`` is the number of the histogram, that of all for the highest threshold that is reached.
     """
@@ -203,13 +206,13 @@ def _cell_of(visit: np.uint64) -> int:
 
 @lean
 def _bin_in(visit: np.uint64, which: int) -> int:
-    """The bin of a histogram that a visit holds."""
+    """Return the bin of a histogram that a visit holds."""
     return int((visit >> np.uint64(_BIN_BITS * which)) & _BINS)
 
 
 @kernel
 def by_cell(visits: NDArray[np.uint64], n_cells: int) -> NDArray[np.uint64]:
-    """Visits, those of a cell together."""
+    """Return visits, those of a cell together."""
     start = np.zeros(n_cells + 1, np.int64)
     for visit in visits:
         start[_cell_of(visit) + 1] += 1
@@ -309,7 +312,7 @@ def meet_objects(
 
 @inlined
 def _meets(chord: NDArray[np.float64], u: float, v: float, radius2: float) -> bool:
-    """Whether the straight path across a cell meets a disk around (u, v).
+    """Return whether the straight path across a cell meets a disk around (u, v).
 
     Whatever the rounding: a path along the edge of a disk meets it, one that ends there does not,
     or else what a block does in the next cell would count.
@@ -437,7 +440,7 @@ def add_visits(
 
 
 class Event(NamedTuple):
-    """What a block and all that it spawned did in each cell, as one block of 1 kg."""
+    """Records of a block and all that it spawned in each cell, as one block of 1 kg."""
 
     peak: NDArray[np.float64]  # (n_cells, N_RECORDED), energy -1 where none has been
     touched: NDArray[np.int64]
@@ -445,7 +448,7 @@ class Event(NamedTuple):
 
 
 def empty_event(n_cells: int) -> Event:
-    """Room for what a block and those that it spawns do in some cells."""
+    """Return room for what a block and those that it spawns do in some cells."""
     return Event(
         np.full((n_cells, N_RECORDED), -1.0), np.zeros(n_cells, np.int64), np.zeros(1, np.int64)
     )

@@ -1,7 +1,7 @@
 """Results appear whole or not at all, and replace nothing but what sassgis wrote.
 
-A result is prepared beside its place and renamed when it is whole. A folder lists its files with
-their digests in its manifest, single files are listed in ``.sassgis-written`` beside them: what is
+A result is prepared next to its place and renamed when it is whole. A folder lists its files with
+their digests in its manifest, single files are listed in ``.sassgis-written`` next to them: what is
 not listed, or has changed since, is never deleted.
 """
 
@@ -32,9 +32,9 @@ WRITTEN_NAME = ".sassgis-written"
 _PARTIAL = ".partial"
 #: Open files that clearing takes, where what failed has found that the system allows no more.
 _SPARE = 4
-#: What GDAL puts beside a raster that is only looked at, and file managers into a folder.
+#: What GDAL puts next to a raster that is only looked at, and file managers into a folder.
 _SIDECAR, _BESIDE = ".aux.xml", (".DS_Store", "Thumbs.db", WRITTEN_NAME)
-#: What SQLite keeps beside a database that is open: parts of it, without which it is damaged.
+#: What SQLite keeps next to a database that is open: parts of it, without which it is damaged.
 _OPEN = ("-wal", "-shm", "-journal")
 
 
@@ -55,7 +55,7 @@ _LIBRARIES = ("rasterio", "pyogrio", "sqlite3")
 
 
 def is_text(path: Path) -> bool:
-    """Whether a path, from the root, is UTF-8: GDAL, SQLite, XML and JSON take no other."""
+    """Return whether a path, from the root, is UTF-8: GDAL, SQLite, XML and JSON take no other."""
     try:
         str(path.absolute()).encode()
     except UnicodeEncodeError:
@@ -88,7 +88,7 @@ def _is_library_error(error: BaseException) -> bool:
 
 
 def _reason(error: BaseException) -> str:
-    """Why the disk refused, in one line."""
+    """State why the disk refused, in one line."""
     said = " ".join(str(own) for own in chain(error)).lower()
     detail = (isinstance(error, OSError) and error.strerror) or str(error) or type(error).__name__
     known = (reason for words, reason in _REASONS.items() if words in said)
@@ -117,7 +117,7 @@ def write_json(path: Path, content: object) -> None:
 def staged_file(target: Path, overwrite: bool = False) -> Iterator[Path]:
     """Give the place of a file that becomes ``target`` if the block ends well, and nothing if not.
 
-    The place has the same name, in a folder beside the target that is deleted after. Missing
+    The place has the same name, in a folder next to the target that is deleted after. Missing
     parents are made. A file that is there already is replaced with ``overwrite`` only, and only as
     a command wrote it.
 
@@ -143,7 +143,7 @@ def staged_file(target: Path, overwrite: bool = False) -> Iterator[Path]:
 
 
 def write_new(file: Path, text: str, overwrite: bool) -> None:
-    """Write a text to a file of its own; OutputError if it is there already and must stay."""
+    """Write a text to a separate file; OutputError if it is there already and must stay."""
     with staged_file(file, overwrite) as work:
         work.write_text(text, encoding="utf-8", newline="\n")
 
@@ -164,7 +164,7 @@ def _check_file(target: Path, overwrite: bool) -> None:
 
 
 def _written(folder: Path) -> dict[str, list[str]]:
-    """Digests of the single files that commands wrote into a folder, by their names."""
+    """Return digests of the single files that commands wrote into a folder, by their names."""
     try:
         content = json.loads((folder / WRITTEN_NAME).read_text(encoding="utf-8"))
         return {name: list(digests) for name, digests in content.items()}
@@ -187,7 +187,7 @@ def _list_written(target: Path, fresh: Path) -> None:
 
 
 def partial_folder(target: Path) -> Path:
-    """The working folder of a result: beside it, so that a rename can put it in place."""
+    """Return the working folder of a result: next to it, so that a rename can put it in place."""
     target = Path(os.path.realpath(target))
     if not target.name:
         raise OutputError(f"{target}: is the root of a disk; choose a folder within it")
@@ -205,7 +205,7 @@ def staged_output(target: Path, overwrite: bool, parts: Sequence[str] = ()) -> I
 
     Missing parents of the target are made. A result that is there already is replaced with
     ``overwrite`` only, and only if it holds nothing but what its manifest lists, as it was written;
-    ``parts`` are folders in it in which another command may have put a result of its own.
+    ``parts`` are folders in it in which another command may have put a separate result.
 
     Raises
     ------
@@ -233,7 +233,7 @@ def staged_output(target: Path, overwrite: bool, parts: Sequence[str] = ()) -> I
 def output_if_asked(
     target: str | Path | None, overwrite: bool, parts: Sequence[str] = ()
 ) -> Iterator[Path]:
-    """As ``staged_output``; without a target a folder for the time of the block."""
+    """Open as ``staged_output`` does; without a target a folder for the time of the block."""
     if target is not None:
         with staged_output(Path(target), overwrite, parts) as work:
             yield work
@@ -260,7 +260,7 @@ def check_output(target: Path, overwrite: bool) -> None:
 
 
 def result_files(folder: Path) -> list[Path]:
-    """The files of a result but for its manifest, and what a working folder does not pass on."""
+    """Return files of a result but for its manifest, and what a working folder does not pass on."""
     own = (MANIFEST_NAME, MARKER_NAME)
     return [
         f
@@ -271,7 +271,7 @@ def result_files(folder: Path) -> list[Path]:
 
 
 def _files(folder: Path) -> list[Path]:
-    """All that lies in a folder and is no folder; links are files."""
+    """List all that lies in a folder and is no folder; links are files."""
     return sorted(p for p in folder.rglob("*") if p.is_symlink() or not p.is_dir())
 
 
@@ -292,7 +292,7 @@ def _check_target(target: Path, overwrite: bool, parts: Sequence[str] = ()) -> N
 
 
 def _own_files(folder: Path, shown: Path, parts: Sequence[str]) -> list[Path]:
-    """All files of a result; OutputError for the first that no run has written as it is."""
+    """List the files of a result; OutputError for the first that no run has written as it is."""
     listed = _listed(folder)
     if listed is None:
         raise OutputError(
@@ -320,7 +320,7 @@ def _own_files(folder: Path, shown: Path, parts: Sequence[str]) -> list[Path]:
 
 
 def _listed(folder: Path) -> dict[str, str] | None:
-    """Digests of the files of a result; None where no manifest of sassgis lists any."""
+    """Return digests of the files of a result; None where no manifest of sassgis lists any."""
     file = folder / MANIFEST_NAME
     try:
         content = json.loads(file.read_text(encoding="utf-8"))
@@ -389,7 +389,7 @@ def _is_saved(name: str) -> bool:
 
 
 def _clear(work: Path, keep_saved: bool = True) -> None:
-    """Delete what is half written, and keep marker and saved states; or delete these alone."""
+    """Delete what is half written, and keep marker and saved states; or delete only these."""
     with suppress(OSError):
         for entry in list(work.iterdir()):
             if (entry.name == MARKER_NAME or _is_saved(entry.name)) == keep_saved:

@@ -27,12 +27,12 @@ Stamp = tuple[int, int, int, int]
 
 
 def stamp_of(state: os.stat_result) -> Stamp:
-    """Of a file; no program can set the last of the times (on Windows it is that of its making)."""
+    """Return the stamp of a file; no program can set its last time (on Windows: of its making)."""
     return state.st_ino, state.st_size, state.st_mtime_ns, state.st_ctime_ns
 
 
 def content_digest(file: Path) -> str:
-    """SHA-256 of the content of a file, taken again only if its size or time has changed.
+    """Return SHA-256 of the content of a file, taken again only if its size or time has changed.
 
     A batch asks for that of each tile of its terrain with every release area.
     """
@@ -46,7 +46,7 @@ def _taken(file: Path, _stamp: Stamp) -> str:
 
 
 def json_digest(plain: object) -> str:
-    """SHA-256 of a value in canonical JSON; the order of the keys does not matter."""
+    """Return SHA-256 of a value in canonical JSON; the order of the keys does not matter."""
     text = json.dumps(
         plain, sort_keys=True, separators=(",", ":"), ensure_ascii=False, allow_nan=False
     )
@@ -55,7 +55,7 @@ def json_digest(plain: object) -> str:
 
 @cache
 def program_digest() -> str:
-    """SHA-256 of the package, code and data, and of the versions of what it computes with.
+    """Return SHA-256 of the package, code and data, and of the versions of what it computes with.
 
     What is kept from an earlier run may have been made by another program.
     """
@@ -69,7 +69,7 @@ def program_digest() -> str:
 
 
 def value_digest(value: object) -> str:
-    """SHA-256 of frozen data: plain values, arrays, geometries, and dataclasses of them.
+    """Return SHA-256 of frozen data: plain values, arrays, geometries, and dataclasses of them.
 
     The paths of files do not count: what they hold does, where it was read. TypeError for a value
     of another kind.

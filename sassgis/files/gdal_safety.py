@@ -1,7 +1,7 @@
-"""What GDAL may open: files on disks, in a few formats.
+"""Limits on what GDAL may open: files on disks, in a few formats.
 
 A file of any name may be a list of sources (VRT), the description of a server (WMS, WFS, ...) or a
-label beside raw bytes, which GDAL follows: what comes with a project could read any other file, or
+label next to raw bytes, which GDAL follows: what comes with a project could read any other file, or
 fetch one. So drivers are named, virtual rasters are mosaics of GeoTIFF files (input_parts.py), and
 there is no network.
 """
@@ -31,7 +31,7 @@ from sassgis.files.input_parts import check_beside, files_of, mosaic_text, stamp
 from sassgis.files.plain_file import check_file, read_text
 from sassgis.settings.schema import composed
 
-#: Drivers of GDAL, and how messages speak of them. What lies beside raw bytes is read without its
+#: Drivers of GDAL, and how messages speak of them. What lies next to raw bytes is read without its
 #: driver (EHdr) if the name is a link, which could lead to any file.
 _RASTERS = ("GTiff", "AAIGrid", "XYZ", "HFA", "EHdr")
 RASTER = "GeoTIFF, VRT of GeoTIFF files, ESRI ASCII, XYZ, Imagine, ESRI BIL or FLT"
@@ -51,7 +51,7 @@ _SETTINGS = {
     "GDAL_HTTP_PROXY": "none://offline",
     "GDAL_HTTPS_PROXY": "none://offline",
     "CPL_VSIL_CURL_ALLOWED_EXTENSIONS": ".offline",
-    # Masks and overviews are looked for by their names alone, as below.
+    # Masks and overviews are looked for only by their names, as below.
     "GDAL_DISABLE_READDIR_ON_OPEN": "TRUE",
 }
 
@@ -62,7 +62,7 @@ _PROJ_DATA = Path(pyogrio.__file__).parent / "proj_data"
 
 @contextmanager
 def offline() -> Iterator[None]:
-    """Keep rasterio and pyogrio, each with a GDAL of its own, off the network.
+    """Keep rasterio and pyogrio, each with a separate GDAL, off the network.
 
     Servers named in the environment variable ``NO_PROXY`` are left out: they can be reached.
     """
@@ -72,13 +72,13 @@ def offline() -> Iterator[None]:
 
 @contextmanager
 def pyogrio_settings(settings: Mapping[str, str]) -> Iterator[None]:
-    """Settings of pyogrio's GDAL within the block, and where its PROJ finds coordinate systems.
+    """Set pyogrio's GDAL within the block, and where its PROJ finds coordinate systems.
 
     For a GeoPackage it would look in the current folder, too, which may come from anybody.
     """
     before = {key: pyogrio.get_gdal_config_option(key) for key in settings}
     pyogrio.set_gdal_config_options(settings)
-    # Not for longer: the PROJ of rasterio has data of its own.
+    # Not for longer: the PROJ of rasterio has separate data.
     placed = _PROJ_DATA.is_dir() and "PROJ_DATA" not in os.environ
     if placed:
         os.environ["PROJ_DATA"] = str(_PROJ_DATA)
@@ -111,7 +111,7 @@ def open_dataset(file: Path) -> DatasetReader:
 
 
 def kept_dataset(file: Path) -> DatasetReader:
-    """As open_dataset; of the same file, the same as before, with what GDAL has kept of it.
+    """Open as open_dataset does; return the same file's data set again, with what GDAL kept of it.
 
     Neighbouring release areas read the same tiles of a terrain model.
     """
@@ -155,12 +155,12 @@ def vector_file(file: Path, field: str | None) -> Iterator[None]:
 
 
 def layers_of(file: Path) -> dict[str, str | None]:
-    """Layers by name, with their kind of geometry, within a block of vector_file."""
+    """Return layers by name, with their kind of geometry, within a block of vector_file."""
     return {str(name): kind for name, kind in pyogrio.list_layers(file)}
 
 
 def read_frame(file: Path, layer: str, **options: Any) -> Any:
-    """A layer as a frame, within a block of vector_file."""
+    """Return a layer as a frame, within a block of vector_file."""
     try:
         info = pyogrio.read_info(file, layer=layer)
     except UnicodeDecodeError:
@@ -173,14 +173,14 @@ def read_frame(file: Path, layer: str, **options: Any) -> Any:
 
 
 def with_composed(frame: Any) -> Any:
-    """A frame whose columns have their names in one Unicode form; itself where they have."""
+    """Return a frame whose columns have their names in one Unicode form; itself where they have."""
     names = {name: composed(name) for name in frame.columns if isinstance(name, str)}
     other = {name: own for name, own in names.items() if own != name}
     return frame.rename(columns=other) if other else frame
 
 
 def _encoding(file: Path, layer: str, taken: str) -> str | None:
-    """Encoding of the texts of a shapefile; None for the one that it states.
+    """Return the encoding of the texts of a shapefile; None for the one that it states.
 
     Without a .cpg GDAL takes them for ISO-8859-1, as if that were stated. No other text than ASCII
     is UTF-8 by chance. ``taken`` is what GDAL leaves to its caller: UTF-8 where it knows what is
@@ -207,8 +207,8 @@ def _encoding(file: Path, layer: str, taken: str) -> str | None:
 
 
 def _computed_table(file: Path) -> str:
-    """How a database declares a view or a virtual table, if it has one; no SQL of it is run."""
-    # The second way: beside a log of changes, in a folder without the right to write.
+    """Return the declaration of a view or virtual table, if any; no SQL of it is run."""
+    # The second way: next to a log of changes, in a folder without the right to write.
     for mode in ("mode=ro", "mode=ro&immutable=1"):
         place = f"file:{quote(str(file.absolute()))}?{mode}"
         with suppress(sqlite3.OperationalError), closing(sqlite3.connect(place, uri=True)) as own:
@@ -218,7 +218,10 @@ def _computed_table(file: Path) -> str:
 
 
 def _head(file: Path) -> bytes:
-    """The begin of a file; of a file geodatabase, which is a folder, that of other binary ones."""
+    """Return the begin of a file.
+
+    For a file geodatabase, which is a folder, it is that of other binary files.
+    """
     if file.is_dir():
         known = file.suffix.lower() == ".gdb" and (file / "a00000001.gdbtable").is_file()
         return _SHAPES if known else b""
@@ -227,7 +230,7 @@ def _head(file: Path) -> bytes:
 
 
 def _is_vector(head: bytes) -> bool:
-    """Whether a file begins as one of the formats, so that no other driver takes it for its own."""
+    """Return whether a file begins as one of the formats, so that no other driver takes it."""
     if head.startswith(_BINARY_VECTORS):
         return True  # drivers look for texts up to the first zero
     text = head.removeprefix(b"\xef\xbb\xbf").lstrip()

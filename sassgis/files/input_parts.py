@@ -1,6 +1,6 @@
-"""What an input consists of: a file, what lies beside it, and what a virtual raster shows.
+"""Parts of an input: a file, those next to it, and those that a virtual raster shows.
 
-What reads an input, what tells it from another one and what is kept of it all ask here: a part that
+What reads an input, what separates it from others and what is kept of it all ask here: a part that
 one of them forgets would be an edit that nobody notices.
 """
 
@@ -52,7 +52,7 @@ _LARGEST_XML = 20_000_000
 
 
 def files_of(given: Path) -> list[Path]:
-    """The files that an input consists of: itself, then those beside it, each once.
+    """Return the files that an input consists of: itself, then those next to it, each once.
 
     Of a virtual raster also the tiles that it shows with theirs, of a folder all files in it.
 
@@ -77,7 +77,7 @@ def files_of(given: Path) -> list[Path]:
 
 
 def file_digest(given: AnyInput) -> str:
-    """SHA-256 of an input: of all files that it consists of, wherever they lie.
+    """Return SHA-256 of an input: of all files that it consists of, wherever they lie.
 
     InputError if one cannot be read.
     """
@@ -100,12 +100,12 @@ def file_digest(given: AnyInput) -> str:
 
 
 def stamps_of(given: Path) -> tuple[Stamp, ...]:
-    """Stamps of all files of an input: with the same ones it is not read again."""
+    """Return stamps of all files of an input: with the same ones it is not read again."""
     return tuple(stamp_of(part.stat()) for part in files_of(given))
 
 
 def _beside(file: Path, listed: frozenset[str] | None = None) -> list[Path]:
-    """Files beside a file that give it meaning, as they are there, with those beside them.
+    """Return files next to a file that give it meaning, as they are there, with those next to them.
 
     ``listed`` are the names in its folder, where they are known: a large mosaic asks for many.
     """
@@ -131,7 +131,7 @@ def _beside(file: Path, listed: frozenset[str] | None = None) -> list[Path]:
 
 @cache
 def _endings(kind: str) -> tuple[tuple[str, ...], tuple[str, ...]]:
-    """Endings in place of that of a file of a kind (a suffix in small letters), and behind it."""
+    """List endings in place of that of a kind of file (a lower-case suffix), and behind it."""
     placed = _IN_PLACE.get(kind)
     if placed is None:
         # World files: tfw and tifw of tif.
@@ -141,7 +141,7 @@ def _endings(kind: str) -> tuple[tuple[str, ...], tuple[str, ...]]:
 
 
 def _names_in(folder: str) -> frozenset[str] | None:
-    """Names of all files of a folder; None where they cannot be listed."""
+    """Return names of all files of a folder; None where they cannot be listed."""
     try:
         return frozenset(os.listdir(folder))
     except OSError:
@@ -153,7 +153,7 @@ def _names_in(folder: str) -> frozenset[str] | None:
 
 
 def mosaic_text(file: Path) -> str | None:
-    """A virtual raster as GDAL is to see it, with absolute paths; None of any other file.
+    """Return a virtual raster as GDAL is to see it, with absolute paths; None of any other file.
 
     InputError if it is more than a mosaic of GeoTIFF files.
     """
@@ -161,12 +161,12 @@ def mosaic_text(file: Path) -> str | None:
 
 
 def _mosaic_sources(file: Path) -> tuple[Path, ...]:
-    """The files that hold the values of a virtual raster; none of any other file."""
+    """Return the files that hold the values of a virtual raster; none of any other file."""
     return _mosaic(file, stamp_of(file.stat()))[1] if _is_mosaic(file) else ()
 
 
 def mosaic_places(file: Path) -> tuple[tuple[int, int, int, int], ...]:
-    """Where these lie in it: first row and column, numbers of rows and columns."""
+    """Find where these lie in it: first row and column, numbers of rows and columns."""
     text = mosaic_text(file)
     if text is None:
         return ()
@@ -179,7 +179,7 @@ def mosaic_places(file: Path) -> tuple[tuple[int, int, int, int], ...]:
 
 
 def _is_mosaic(file: Path) -> bool:
-    """Whether GDAL would take a file for a virtual raster."""
+    """Return whether GDAL would take a file for a virtual raster."""
     if not file.is_file():
         return False
     with file.open("rb") as stream:
@@ -189,7 +189,7 @@ def _is_mosaic(file: Path) -> bool:
 
 @lru_cache(maxsize=4)
 def _mosaic(file: Path, _stamp: Stamp) -> tuple[str, tuple[Path, ...]]:
-    """A virtual raster for GDAL, and its sources."""
+    """Return a virtual raster for GDAL, and its sources."""
     text = read_text(file, None, "a virtual raster", _LARGEST_XML)
 
     def refused(what: str, found: object) -> InputError:
@@ -230,7 +230,7 @@ def _is_tiff(file: Path) -> bool:
 
 
 def check_beside(file: Path) -> None:
-    """GDAL opens masks and overviews beside a raster, and beside those, whatever they are."""
+    """Check masks and overviews next to a raster, which GDAL opens whatever they are."""
     for part in _beside(file):
         if part.suffix in _LAYERS and not _is_tiff(part):
             raise InputError("is no GeoTIFF", file=part, expected="a mask or overviews")

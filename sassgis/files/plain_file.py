@@ -35,7 +35,7 @@ _LONG_KEY = re.compile(
 
 
 def seen_from(folder: Path, file: Path) -> str:
-    """A file as a configuration in a folder would name it: relative, with slashes."""
+    """Return a file as a configuration in a folder would name it: relative, with slashes."""
     try:
         return Path(os.path.relpath(file, folder)).as_posix()
     except ValueError:  # On another drive (Windows).
@@ -65,7 +65,7 @@ def check_file(file: Input, field: str | None, expected: str, folders: bool = Fa
 
 
 def in_memory(given: InMemory, kind: str, field: str | None, expected: str) -> Any:
-    """The data of an input in memory; InputError if it is of another kind."""
+    """Return the data of an input in memory; InputError if it is of another kind."""
     if given.kind != kind:
         raise InputError(
             "cannot be used here", file=given, field=field, found=f"a {given.kind}",
@@ -75,7 +75,7 @@ def in_memory(given: InMemory, kind: str, field: str | None, expected: str) -> A
 
 
 def read_text(file: Input, field: str | None, what: str, largest: int = _LARGEST_TABLE) -> str:
-    """Text of a UTF-8 file; InputError if it is missing, too large or not text."""
+    """Return the text of a UTF-8 file; InputError if it is missing, too large or not text."""
     wrong = partial(InputError, file=file, field=field)
     if isinstance(file, InMemory):
         return str(in_memory(file, "table", field, what))
@@ -93,12 +93,12 @@ def read_text(file: Input, field: str | None, what: str, largest: int = _LARGEST
 
 
 def read_toml(file: Path, field: str | None, what: str) -> dict[str, Any]:
-    """The document of a TOML file; errors are those of read_text and toml_table."""
+    """Return the document of a TOML file; errors are those of read_text and toml_table."""
     return toml_table(read_text(file, field, what, _LARGEST_TOML), file, what)
 
 
 def toml_table(text: str, file: str | Input, what: str = "valid TOML") -> dict[str, Any]:
-    """A TOML document."""
+    """Return a TOML document."""
     try:
         if _LONG_KEY.search(text):
             raise RecursionError
@@ -154,7 +154,7 @@ def check_text(text: object, file: str | Input, field: str, where: str = "") -> 
 
 
 def number(value: object, where: str, column: str, file: Input) -> float:
-    """Finite number in a cell; InputError with the row and the column otherwise."""
+    """Return finite number in a cell; InputError with the row and the column otherwise."""
     with suppress(TypeError, ValueError):
         result = float(value)  # type: ignore[arg-type]
         if math.isfinite(result) and not isinstance(value, bool):

@@ -1,4 +1,4 @@
-"""What a run saves to go on from after an interruption: as it was saved, or not used.
+"""Saved state from which a run goes on after an interruption: as it was saved, or not used.
 
 A file is a NumPy archive (npz). The comment at its end holds the fingerprint of what it belongs to,
 and a digest of its name and of all bytes before. That finds damage and changes by hand; it is no
@@ -21,7 +21,7 @@ from numpy.typing import ArrayLike, NDArray
 from sassgis.errors import InputError
 from sassgis.files.digests import Stamp, program_digest, stamp_of
 
-#: How a line begins that tells of a file that is not used.
+#: How a line begins that reports a file that is not used.
 UNFIT = "Saved state"
 #: Bytes of a SHA-256 as text, and of a part of a file that is read at once.
 _HEX, _BLOCK = 64, 1 << 20
@@ -41,7 +41,7 @@ class _Seal(NamedTuple):
 def write_saved(
     path: Path, arrays: Mapping[str, ArrayLike], fingerprint: str, *, compressed: bool = False
 ) -> str:
-    """Write arrays beside and rename, so that a full disk leaves the older state; their digest.
+    """Write arrays next to it and rename, so that a full disk leaves the older state; their digest.
 
     The arrays hold no objects. ``fingerprint`` is that of the settings and inputs that they belong
     to; the program is added here.
@@ -70,7 +70,10 @@ def write_saved(
 def read_saved(
     path: Path, fingerprint: str, tell: Callable[[str], None]
 ) -> dict[str, NDArray[Any]] | None:
-    """Arrays of ``write_saved``; None if there are none, or they do not fit, which is told."""
+    """Return arrays of ``write_saved``.
+
+    None if there are none, or they do not fit, which is reported.
+    """
     if not path.exists():
         return None
     try:
@@ -89,14 +92,14 @@ def saved_or_refused(
     digest: str | None = None,
     wanted: Callable[[str], bool] = _every,
 ) -> dict[str, NDArray[Any]]:
-    """The ``wanted`` arrays of ``write_saved``.
+    """Return the ``wanted`` arrays of ``write_saved``.
 
     Parameters
     ----------
     expected : str
         What they are, and what to do without them.
     digest : str, optional
-        What ``write_saved`` gave; then the file is looked through once, until it changes.
+        What ``write_saved`` returned; then the file is looked through once, until it changes.
 
     Raises
     ------
@@ -114,7 +117,7 @@ def saved_or_refused(
 
 
 def saved_digest(path: Path) -> str:
-    """The digest that ``write_saved`` gave; empty if the file is damaged, changed or missing."""
+    """Return digest by ``write_saved``; empty if the file is damaged, changed or missing."""
     try:
         return _seal(path).digest
     except _DAMAGE:
@@ -127,7 +130,7 @@ def _known(path: Path, _stamp: Stamp) -> str:
 
 
 def unfit(path: Path, why: str = "damaged, or changed since it was saved") -> str:
-    """One line to tell that what was saved is not used."""
+    """State in one line that what was saved is not used."""
     return f"{UNFIT} {path} is not used: {why}"
 
 
@@ -141,7 +144,10 @@ def _arrays(path: Path, wanted: Callable[[str], bool] = _every) -> dict[str, NDA
 
 
 def _seal(path: Path) -> _Seal:
-    """Fingerprint and digest of a file; ValueError or OSError if it is not as it was saved."""
+    """Return the fingerprint and digest of a file.
+
+    Raises ValueError or OSError if the file is not as it was saved.
+    """
     with path.open("rb") as stream:
         stream.seek(-2 * _HEX, os.SEEK_END)
         end = stream.read().decode("ascii")
@@ -152,7 +158,7 @@ def _seal(path: Path) -> _Seal:
 
 
 def _digest(path: Path, name: str) -> str:
-    """SHA-256 of a name and of a file without the digest at its end."""
+    """Return SHA-256 of a name and of a file without the digest at its end."""
     total, left = hashlib.sha256(name.encode()), path.stat().st_size - _HEX
     with path.open("rb") as stream:
         while left > 0 and (block := stream.read(min(left, _BLOCK))):

@@ -49,7 +49,10 @@ class VectorLayer:
 
 @cache
 def descriptions() -> dict[str, dict[str, dict[str, str]]]:
-    """Rows of ``data/map_layers.csv`` by layer and column; that of the layer has the column ""."""
+    """Return rows of ``data/map_layers.csv`` by layer and column.
+
+    The row of the layer has the column "".
+    """
     layers: dict[str, dict[str, dict[str, str]]] = {}
     for row in built_in_rows("map_layers"):
         for key in row["layer"].split():
@@ -68,7 +71,7 @@ def described_layer(
     fields: Mapping[str, FieldInfo] | None = None,
     **words: object,
 ) -> VectorLayer:
-    """A layer whose title, description and columns are those of ``data/map_layers.csv``.
+    """Return a layer whose title, description and columns are those of ``data/map_layers.csv``.
 
     Its key there is the name of the layer, with a suffix after a point where several kinds of
     layers have it. ``crs`` is well-known text, empty for local coordinates; ``fields`` describes
@@ -92,7 +95,7 @@ def described_layer(
 
 
 def translated_raster(layer: RasterLayer) -> RasterLayer:
-    """A map with its title, note, classes and bands."""
+    """Return a map with its title, note, classes and bands."""
     if current_language() == "en":
         return layer
     return replace(
@@ -103,7 +106,7 @@ def translated_raster(layer: RasterLayer) -> RasterLayer:
 
 
 def translated_vector(layer: VectorLayer) -> VectorLayer:
-    """A layer with its title, description, legend and columns.
+    """Return a layer with its title, description, legend and columns.
 
     The values of its columns stay: they are codes.
     """

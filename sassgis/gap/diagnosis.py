@@ -1,4 +1,4 @@
-"""What a diagnosis answers: where the gap lies, which effect causes it, how far it shrinks."""
+"""Answer of a diagnosis: where the gap lies, which effect causes it, how far it shrinks."""
 
 from __future__ import annotations
 
@@ -46,10 +46,10 @@ class Verdict:
     """The answer in a word."""
 
     effect: str  # a family, two joined by "+", "none", "unknown" or "contact_law"
-    #: Probability of the answer (0 to 1): of effects that they act, alone or beside others; NaN
+    #: Probability of the answer (0 to 1): of effects that they act, by itself or with others; NaN
     #: where none is given.
     confidence: float
-    #: What these data do not identify from it, itself included; groups where they do not tell
+    #: What these data do not identify from it, itself included; groups where they do not separate
     #: families of one apart.
     confusion_set: tuple[str, ...]
     #: Where the effect acts, as far as it is identifiable: phase of motion and reaches; "" and ()
@@ -109,7 +109,7 @@ class Hypothesis:
 
 @dataclass(frozen=True, slots=True)
 class CauseGain:
-    """What a cause closes of the gap that the base leaves, were the ground calibrated anew."""
+    """Part of the gap of the base that a cause closes, were the ground calibrated anew."""
 
     effect: str
     #: Of the squared distance of what was observed from the base, in all numbers that sum up the
@@ -117,7 +117,7 @@ class CauseGain:
     share: float
     sureness: float  # standard errors by which it is more than what chance makes of the base
     power: float  # share of its draws that these data would show, by a sureness of 5
-    #: Squared distance of what was observed from the base, over that of its own campaigns: the same
+    #: Squared distance of what was observed from the base, over that of its campaigns: the same
     #: for all causes of a site.
     excess: float
     #: Parameters of the draw that closes most, as shares of their ranges.
@@ -183,7 +183,7 @@ class ModelGap:
 
     @property
     def key(self) -> tuple[str, str, str]:
-        """What it is of."""
+        """Name of the quantity and its place."""
         return self.place, self.quantity, self.statistic
 
     @property
@@ -210,13 +210,13 @@ class GroundSetting:
     parameter: str
     before: float
     value: float
-    ci95: Range  # of the sets of parameters that the observations do not tell from the best
+    ci95: Range  # of the sets of parameters that the observations do not distinguish from the best
     identified: bool  # whether that is clearly narrower than the range of the search
 
 
 @dataclass(frozen=True, slots=True)
 class Advice:
-    """What to set, and what follows from it."""
+    """Recommended settings, and what follows from them."""
 
     #: Worst gap of the configured model, on the unsafe side if there is one; None where neither
     #: stops nor speeds were observed.
@@ -238,7 +238,7 @@ class Advice:
 
     @property
     def consequences(self) -> list[dict[str, Any]]:
-        """What the recommended model changes of the rocks, as in ``diagnosis.json``."""
+        """Changes of the rocks by the recommended model, as in ``diagnosis.json``."""
         after = {g.key: g.predicted for g in self.left}
         return [
             {
@@ -290,7 +290,7 @@ class Diagnosis:
 
 
 def as_json(diagnosis: Diagnosis) -> dict[str, Any]:
-    """The diagnosis as plain values, in the layout of ``diagnosis.json``.
+    """Return the diagnosis as plain values, in the layout of ``diagnosis.json``.
 
     Missing numbers (NaN) become None.
     """
@@ -317,7 +317,7 @@ def as_json(diagnosis: Diagnosis) -> dict[str, Any]:
 
 
 def without_nan(value: Any) -> Any:
-    """Plain values with None in place of NaN."""
+    """Return plain values with None in place of NaN."""
     if isinstance(value, Mapping):
         return {str(k): without_nan(v) for k, v in value.items()}
     if isinstance(value, tuple | list):

@@ -79,24 +79,24 @@ RUNG_NAMES: Mapping[str, str] = {
 
 
 def effect_name(effect: str) -> Phrase:
-    """Name of a cause, of two joined by "+", or of a group."""
+    """Return the name of a cause, of two joined by "+", or of a group."""
     if effect in GROUPS:
         return phrase("the group “{}”", phrase(effect))
     return all_of(EFFECT_NAMES.get(e, e.replace("_", " ")) for e in effect.split("+"))
 
 
 def effect_key(effect: str) -> Phrase:
-    """A cause as the configuration calls it; in other languages than English by its name."""
+    """Return a cause as the configuration calls it; in other languages than English by its name."""
     return in_english(effect.replace("_", " "), effect_name(effect))
 
 
 def rung_name(rung: str) -> Phrase:
-    """Name of a model of the ladder."""
+    """Return the name of a model of the ladder."""
     return phrase(RUNG_NAMES.get(rung) or effect_name(rung))
 
 
 def file_has(rung: str) -> Phrase:
-    """What the configuration of a model of the ladder has: no errors of the data."""
+    """Describe the configuration of a model of the ladder: no errors of the data."""
     moving = [own for own in rung.split("+") if own not in CAUSES or not CAUSES[own].of_data]
     if moving:
         return rung_name("+".join(moving))
@@ -104,7 +104,7 @@ def file_has(rung: str) -> Phrase:
 
 
 def effect_phrase(effect: str) -> Phrase:
-    """What a cause does, or two joined by "+", to follow "The gap is best explained by"."""
+    """Return what a cause, or two joined by "+", does, to follow "The gap is best explained by"."""
     return reduce(
         lambda one, other: phrase("{}, together with {}", one, other),
         (phrase(CAUSES[e].words[1]) if e in CAUSES else effect_name(e) for e in effect.split("+")),
@@ -112,23 +112,23 @@ def effect_phrase(effect: str) -> Phrase:
 
 
 def closed_percent(share: float) -> float:
-    """A closed share of a gap, in per cent: nearer than chance leaves models is no nearer."""
+    """Return closed share of a gap, in per cent: nearer than chance leaves models is no nearer."""
     return 100.0 * min(share, 1.0)
 
 
 def number_text(value: float) -> str:
-    """Two digits for large numbers, as many decimals as a setting needs for small ones."""
+    """Return two digits for large numbers, as many decimals as a setting needs for small ones."""
     text = short(value)
     return text.replace("-", "\u2212")
 
 
 def range_text(low: float, high: float) -> Phrase:
-    """An interval, low to high."""
+    """Return an interval, low to high."""
     return phrase("{} to {}", number_text(low), number_text(high))
 
 
 def quantity_name(quantity: str) -> Phrase:
-    """Name of a quantity, without its unit: "passing height" for ``height_m``."""
+    """Return the name of a quantity, without its unit: "passing height" for ``height_m``."""
     if quantity.startswith("stop "):
         name = quantity_name(quantity.removeprefix("stop "))
         return phrase("{} of stops", name) if name.startswith("lateral") else name
@@ -143,12 +143,12 @@ def quantity_name(quantity: str) -> Phrase:
 
 
 def tested_by(test: str) -> Phrase:
-    """How a gap was tested, in words."""
+    """Describe how a gap was tested."""
     return phrase(_TESTS.get(test, test))
 
 
 def place_words(place: str) -> Phrase:
-    """Where: "at S3", "between S2 and S3", "below S4", "on talus", "on the whole slope"."""
+    """Name a place: "at S3", "between S2 and S3", "below S4", "on talus", "on the whole slope"."""
     if place == "all":
         return phrase("on the whole slope")
     if place == "stop":
@@ -161,7 +161,7 @@ def place_words(place: str) -> Phrase:
     upper, dash, lower = place.partition("-")
     if not dash:
         return phrase("at {}", place)
-    # A name with a dash of its own cannot be taken apart.
+    # A name with a dash in it cannot be taken apart.
     if place.count("-") > 1:
         return phrase("on the stretch {}", place)
     if upper == "release":
@@ -173,7 +173,7 @@ def place_words(place: str) -> Phrase:
 
 
 def place_name(place: str) -> Phrase:
-    """A place as a row of a table: names of stations and of ground stay."""
+    """Return a place as a row of a table: names of stations and of ground stay."""
     if place == "stop":
         return phrase("stop")
     if place == "all":
@@ -185,19 +185,19 @@ def place_name(place: str) -> Phrase:
 
 
 def with_unit_in_brackets(text: str, unit: str) -> str:
-    """The name of a quantity with its unit, if it has one: "speed (m/s)"."""
+    """Return the name of a quantity with its unit, if it has one: "speed (m/s)"."""
     return phrase("{} ({})", phrase(text), unit) if unit and unit != "1" else text
 
 
 def significance(finding: GapFinding) -> str:
-    """How sure a gap is: "sure" (headline), "likely" (among those on the map) or "open"."""
+    """Rate a gap: "sure" (headline), "likely" (among those on the map) or "open"."""
     if finding.p_adjusted <= LEVEL:
         return "sure"
     return "likely" if finding.q_value <= LEVEL else "open"
 
 
 def finding_label(finding: GapFinding) -> str:
-    """A finding as a label on the map: "speed −2.1 m/s"."""
+    """Return a finding as a label on the map: "speed −2.1 m/s"."""
     sign = "+" if finding.gap > 0.0 else "\u2212"
     number = with_unit(f"{sign}{abs(finding.gap):.2g}", finding.unit)
     return f"{quantity_name(finding.quantity)} {number}"

@@ -23,7 +23,7 @@ from sassgis.terrain.plan import Plan
 
 #: A point has an eighth of the blocks of another at least: what few blocks show may be wrong.
 _MOST_HALVINGS = 3
-#: By how much repetitions grow from round to round, in all; few blocks say little of how many more.
+#: By how much repetitions grow one by one, in all; few blocks say little of how many more.
 _LEAST_GROWTH, _MOST_GROWTH = 1.25, 4.0
 #: Beyond what the present share asks for: the next one is a little off.
 _MARGIN = 1.05
@@ -31,7 +31,7 @@ _MARGIN = 1.05
 
 @dataclass(frozen=True, slots=True)
 class MoreBlocks:
-    """Says after each round whether it takes another one, and which.
+    """Says after each repetition whether it takes another one, and which.
 
     ``seconds`` is the part of the time of the budget that the simulation may take.
     """
@@ -42,12 +42,12 @@ class MoreBlocks:
     tell: Callable[[str], None]
 
     def __call__(self, run: MapRun, planned: Plan, progress: Progress) -> Round | None:
-        """The next round, None for enough; sets what the progress is to find out in it."""
+        """Return the next repetition, None for enough; sets what progress is to find out in it."""
         sampled = sampled_sources(run, progress, self.rules.frequencies)
         curves = curves_of(sampled, bins_of(run).threshold)
         known = np.isfinite(run.grid.values)
         share = level_chances(curves, self.rules.preset, known).changed_share
-        # A state that was saved after the last round is asked once more.
+        # A state that was saved after the last repetition is asked once more.
         if not progress.history or progress.history[-1][0] < progress.simulated:
             progress.history.append((progress.simulated, share))
         self.tell(
@@ -70,7 +70,7 @@ class MoreBlocks:
         return more
 
     def _blocks_left(self, progress: Progress) -> int:
-        """How many more blocks the budget allows for."""
+        """Count the blocks that the budget still allows for."""
         left = self.budget.blocks - progress.simulated
         if progress.seconds > 0.0:
             pace = progress.simulated / progress.seconds
@@ -78,7 +78,7 @@ class MoreBlocks:
         return max(left, 0)
 
     def _open(self, run: MapRun, planned: Plan, progress: Progress) -> FloatArray | None:
-        """What a repetition at each point leaves open, by scenario; None if none has shown it."""
+        """Return the uncertainty after a repetition at each point, by scenario; None if unknown."""
         if progress.worth is None:
             return None
         last = run.rounds[-1]
@@ -100,7 +100,7 @@ class MoreBlocks:
 
 
 def halvings_of(left_open: FloatArray | None, planned: Plan) -> NDArray[np.uint8] | None:
-    """How often the blocks of each point are halved, so that all of them cost the least.
+    """Count how often each point's blocks are halved so that all of them cost the least.
 
     Neyman (1934): where a stratum adds v/n to the variance, n proportional to the root of v gives
     the least variance of all samples of one size; here to the nearest power of 2, within an eighth
@@ -141,7 +141,7 @@ def halvings_of(left_open: FloatArray | None, planned: Plan) -> NDArray[np.uint8
 def round_within(
     run: MapRun, planned: Plan, wanted: int, halvings: NDArray[np.uint8] | None, blocks: int
 ) -> Round | None:
-    """The next round, of at most so many blocks; None if there are too few for one.
+    """Return the next repetition, of at most so many blocks; None if there are too few for one.
 
     ``wanted`` are the repetitions of points that are not halved.
     """

@@ -26,7 +26,7 @@ from sassgis.terrain.edge import edge_sides
 
 @dataclass(frozen=True, slots=True)
 class ZoneFacts:
-    """What is known of each zone of hazard level."""
+    """Facts about each zone of hazard level."""
 
     area_m2: np.ndarray  # shape (n_zones,)
     # Shape (n_zones,); cells that blocks reach; the others were raised when the zone was drawn.
@@ -63,7 +63,7 @@ class IntensityMap:
 
 @dataclass(frozen=True, slots=True)
 class Hazard:
-    """What a simulation says of the hazard."""
+    """Hazard by a simulation."""
 
     sampled: tuple[Sampled, ...]
     curves: HazardCurves
@@ -89,21 +89,21 @@ class Hazard:
 
 
 def raster(grid: Grid, cells: IntArray, classes: np.ndarray) -> ClassMap:
-    """Classes of some cells on the grid, 0 elsewhere."""
+    """Return classes of some cells on the grid, 0 elsewhere."""
     out = np.zeros(grid.shape[0] * grid.shape[1], np.int16)
     out[cells] = classes
     return out.reshape(grid.shape)
 
 
 def curves_of(sampled: Sequence[Sampled], energies_kj: np.ndarray) -> HazardCurves:
-    """Hazard curves of all cells."""
+    """Return hazard curves of all cells."""
     return hazard_curves([s.source for s in sampled], [s.cells for s in sampled], energies_kj)
 
 
 def intensity_maps(
     curves: HazardCurves, preset: HazardPreset, grid: Grid, rules: Drawing
 ) -> tuple[IntensityMap, ...]:
-    """Zones of intensity for the preset's return periods and the extreme event.
+    """Return zones of intensity for the preset's return periods and the extreme event.
 
     The zones of a rarer event contain those of a more frequent one. The extreme event has the outer
     limit of the hazard levels.
@@ -123,7 +123,7 @@ def _nested_zones(
     rules: Drawing,
     envelopes: Sequence[bool],
 ) -> list[Coverage]:
-    """Zones of maps, each some cells and their classes, of which none is above the next."""
+    """Return zones of maps, each some cells and their classes, of which none is above the next."""
     # Maps of the same curves name the same cells, which are ascending already.
     named = list({id(cells): cells for cells, _ in maps}.values())
     reached = named[0] if len(named) == 1 else np.unique(np.concatenate(named))
@@ -133,7 +133,7 @@ def _nested_zones(
 
 
 def around(grid: Grid, cells: IntArray, beside: int) -> tuple[Grid, IntArray]:
-    """The part of a grid around some cells, with so many cells beside them, and they on it."""
+    """Return part of a grid around some cells, with so many cells next to them, and they on it."""
     n_rows, n_cols = grid.shape
     row, col = np.divmod(cells, n_cols)
     if not cells.size:
@@ -149,10 +149,10 @@ def around(grid: Grid, cells: IntArray, beside: int) -> tuple[Grid, IntArray]:
 def level_zones(
     curves: Sequence[HazardCurves], preset: HazardPreset, grid: Grid, rules: Drawing
 ) -> list[Coverage]:
-    """Zones of hazard level of several simulations, as with and without barriers.
+    """Return zones of hazard level of several simulations, as with and without barriers.
 
     Where no cell of a map is above that of the next, the zones of the first lie within those of the
-    next: drawn each for itself, smoothing alone would make zones higher here and lower there.
+    next: drawn each for itself, smoothing by itself would make zones higher here and lower there.
     """
     maps = [
         (
@@ -182,7 +182,7 @@ def zone_facts(
     lowered: FloatArray,
     edit: IntArray,
 ) -> ZoneFacts:
-    """Attribution and confidence of zones of hazard level.
+    """Return the attribution and confidence of zones of hazard level.
 
     Of the cells of the curves, ``unsure`` are those whose level is, and ``lowered`` is the
     probability that another sample lowers it. What an edit has set no sample of blocks changes.
@@ -220,7 +220,7 @@ def zone_facts(
 
 @dataclass(frozen=True, slots=True)
 class Rules:
-    """What zoning needs besides the simulated blocks."""
+    """Rules that zoning needs besides the simulated blocks."""
 
     preset: HazardPreset
     frequencies: dict[tuple[str, str], float]  # blocks per year, by area and scenario
@@ -235,11 +235,11 @@ class Rules:
 
 @dataclass(frozen=True, slots=True)
 class Assessment:
-    """What zoning found."""
+    """Result of zoning."""
 
     hazard: Hazard  # with the walls and nets there are
     without: Hazard | None  # without them; None if there are none or nobody asked
-    # Intensities of each release area alone; empty unless asked for.
+    # Intensities of each single release area; empty unless asked for.
     by_area: dict[str, tuple[IntensityMap, ...]]
     risk: RiskTable | None
     risk_without: RiskTable | None
@@ -259,7 +259,7 @@ def hazard_of(
     confidence: float,
     edits: Sequence[Edit],
 ) -> Hazard:
-    """Everything that the counts of a simulation say of the hazard.
+    """Assess the hazard from the counts of a simulation.
 
     The curves are those of all cells, the zones those of hazard level, to which the edits belong;
     ``confidence`` is that of the sampling interval.
@@ -297,10 +297,10 @@ def assess(
     confidence: float,
     by_source: bool,
 ) -> Assessment:
-    """What the counts of a simulation say of hazard and risk.
+    """Assess hazard and risk from the counts of a simulation.
 
     The energies are those of the hazard curves; ``without`` are the same sources without walls and
-    nets. ``by_source`` asks for zones of intensity of each release area alone.
+    nets. ``by_source`` asks for zones of intensity of each single release area.
     """
     both = [sampled] if without is None else [sampled, without]
     curves = [curves_of(own, energies_kj) for own in both]
@@ -318,7 +318,7 @@ def assess(
 
 
 def risk_of(rules: Rules, sampled: Sequence[Sampled], energies: np.ndarray) -> RiskTable | None:
-    """Risk of the exposed objects; None if there are none."""
+    """Return the risk of the exposed objects; None if there are none."""
     if rules.vulnerability is None:
         return None
     sources, counts = [s.source for s in sampled], [s.objects for s in sampled]

@@ -13,7 +13,9 @@ from sassgis.settings.hazard_rules import Source, SourceCounts
 
 
 def zone_of_cells(coverage: Coverage, grid: Grid, cells: IntArray) -> IntArray:
-    """Zone that holds the centre of each cell: its position in the coverage; -1 outside all zones.
+    """Return the zone that holds the centre of each cell: its position in the coverage.
+
+    It is -1 outside all zones.
 
     ``grid`` is that on which the zones were drawn; ``cells`` are flat indices, ascending. A centre
     on a common boundary belongs to the higher class, then to the earlier zone.
@@ -42,7 +44,7 @@ def attribution(
     column_of_cell: IntArray,
     n_zones: int,
 ) -> FloatArray:
-    """Share of each source in the rate that makes each zone.
+    """Return the share of each source in the rate that makes each zone.
 
     Parameters
     ----------
@@ -80,7 +82,7 @@ def attribution(
 
 
 def governing(shares: FloatArray) -> tuple[IntArray, FloatArray]:
-    """Source with the largest of the shares in each zone, and that share; shape (n_zones,).
+    """Return source with the largest of the shares in each zone, and that share; shape (n_zones,).
 
     The first of equal ones; -1 and NaN where no source reaches the zone.
     """
@@ -94,7 +96,7 @@ def governing(shares: FloatArray) -> tuple[IntArray, FloatArray]:
 
 
 def shares_by(shares: FloatArray, names: Sequence[str]) -> tuple[tuple[str, ...], FloatArray]:
-    """Each name once, and the shares of the sources that have it, shape (n_zones, n_names).
+    """Return each name once, and the shares of the sources that have it, shape (n_zones, n_names).
 
     ``names`` are those of the area, or of the block scenario, of each source.
     """

@@ -26,7 +26,7 @@ _ROUNDING = 1e-12
 
 
 def source_rate(source: Source, counts: SourceCounts) -> FloatArray:
-    """Annual frequency λ(E >= e) with which blocks of one source reach places, (n, n_energies).
+    """Compute the annual frequency λ(E >= e) of blocks of one source at places, (n, n_energies).
 
     It is the onset frequency times the share of the blocks that arrived.
     """
@@ -35,7 +35,7 @@ def source_rate(source: Source, counts: SourceCounts) -> FloatArray:
 
 
 def source_variance(source: Source, counts: SourceCounts) -> FloatArray:
-    """Sampling variance of ``source_rate`` (1/year²), by ``map_sums.count_variance``.
+    """Return the sampling variance of ``source_rate`` (1/year²), by ``map_sums.count_variance``.
 
     NaN where blocks were counted but the sample does not give it (one block per line, one random
     line); 0 where none was, as in the places that the source does not reach at all.
@@ -47,7 +47,7 @@ def source_variance(source: Source, counts: SourceCounts) -> FloatArray:
 
 
 def _drawn_points(source: Source, counts: SourceCounts) -> DrawnPoints | None:
-    """What the release points of a source leave open; None where they are given."""
+    """Return the variance that comes from a source's release points; None where they are given."""
     if not source.random_points:
         return None
     each = blocks_of_a_point(counts.count, counts.square)
@@ -63,11 +63,11 @@ def hazard_curves(
     energies_kj: ArrayLike,
     variance_of: Callable[[Source, SourceCounts], FloatArray] = source_variance,
 ) -> HazardCurves:
-    """Hazard curves of all places that any source reaches.
+    """Return hazard curves of all places that any source reaches.
 
     λ(E >= e, x) = Σ over sources of onset frequency · reach probability(x) · P(E >= e | reach).
     Sums are made over the scenarios of each area first, and then over the areas in the order in
-    which they first appear. So the rate of two areas is exactly the sum of the rates of each alone.
+    which they first appear. So the rate of two areas is exactly the sum of the single rates.
 
     Sources are independent samples, and their variances add up. Not so the scenarios of an area
     whose release points were drawn at random: they start from the same points, and where one is by
@@ -108,7 +108,7 @@ def hazard_curves(
 
 
 def _joined(parts: Sequence[HazardCurves], energies: FloatArray, together: bool) -> HazardCurves:
-    """Sum of curves, added one after the other; ``together`` if they share their chance."""
+    """Return the sum of curves, added one by one; ``together`` if they share their chance."""
     if len(parts) == 1:
         return parts[0]
     places = (
@@ -132,7 +132,7 @@ def _joined(parts: Sequence[HazardCurves], energies: FloatArray, together: bool)
 def _joined_points(
     parts: Sequence[HazardCurves], places: IntArray, variance: FloatArray, together: bool
 ) -> DrawnPoints | None:
-    """What release points leave open of the sum of curves, which has some variance.
+    """Return the part of the variance of summed curves that comes from drawn release points.
 
     Of independent samples the degrees of freedom are those of Welch (1947, Biometrika 34: 28-35)
     and Satterthwaite (1946, Biometrics Bulletin 2: 110-114), and one point more is one of any of
@@ -156,7 +156,7 @@ def _joined_points(
 
 
 def at_energies(curves: HazardCurves, energies_kj: Sequence[float]) -> HazardCurves:
-    """The curves at some of their energies alone, which ascend from 0 (kJ).
+    """Return the curves only at some of their energies, which ascend from 0 (kJ).
 
     Raises
     ------
@@ -179,13 +179,16 @@ def return_period(rate: ArrayLike) -> FloatArray:
 
 
 def meets(rate: ArrayLike, years: float | FloatArray) -> NDArray[np.bool_]:
-    """Whether a rate (1/year) is at least 1/T, apart from rounding; NaN does not meet anything."""
+    """Return whether a rate (1/year) is at least 1/T, apart from rounding.
+
+    NaN does not meet anything.
+    """
     met: NDArray[np.bool_] = np.asarray(rate, np.float64) * years >= 1.0 - _ROUNDING
     return met
 
 
 def energy_at(curves: HazardCurves, years: float | FloatArray) -> FloatArray:
-    """Energy (kJ) that is reached or exceeded once in a return period T (years), shape (n,).
+    """Return energy (kJ) that is reached or exceeded once in a return period T (years), shape (n,).
 
     The largest energy e with λ(E >= e) >= 1/T. Between two energies of the curve both logarithms
     are taken as linear, with two exceptions: from 0 kJ to the next energy, the energy itself is
@@ -222,7 +225,9 @@ def energy_at(curves: HazardCurves, years: float | FloatArray) -> FloatArray:
 
 
 def rate_interval(curves: HazardCurves, confidence: float = 0.95) -> tuple[FloatArray, FloatArray]:
-    """Limits (1/year) between which the rates lie, given the sample; shape (n, n_energies) each.
+    """Return limits (1/year) between which the rates lie, given the sample.
+
+    Both have the shape (n, n_energies).
 
     They are those of ``sampling_error.gamma_interval``, and state what another sample of blocks
     would change, and nothing of the model, its parameters or the onset frequency. ``confidence`` is
@@ -234,5 +239,8 @@ def rate_interval(curves: HazardCurves, confidence: float = 0.95) -> tuple[Float
 
 
 def wide_variance(curves: HazardCurves) -> FloatArray:
-    """Variances that hold where few release points were drawn: widened as those of 95 % limits."""
+    """Return variances that hold where few release points were drawn.
+
+    They are widened as those of 95 % limits.
+    """
     return curves.variance * widening(curves.freedom, 0.025)

@@ -1,4 +1,4 @@
-"""What a barrier at a line must take: energies and passing heights by residual frequency."""
+"""Loads on a barrier at a line: energies and passing heights by residual frequency."""
 
 from __future__ import annotations
 
@@ -31,7 +31,10 @@ class Arrivals:
     curves: HazardCurves
 
     def limits(self, confidence: float) -> tuple[Arrivals, Arrivals]:
-        """Curves between which this one lies, given the sample: those of curves.rate_interval."""
+        """Return curves between which this one lies, given the sample.
+
+        The limits are those of curves.rate_interval.
+        """
         ends = (end.sum(axis=0) for end in rate_interval(self.curves, confidence))
         low, high = (replace(self, rate=np.minimum.accumulate(rate)) for rate in ends)
         # Of what is beyond the largest value nothing was seen.
@@ -39,7 +42,7 @@ class Arrivals:
 
 
 def arrivals(sampled: Sequence[Sampled], control_line: int, quantity: str) -> Arrivals:
-    """Frequency curve of one quantity at one line, all sources weighted by their frequency.
+    """Return frequency curve of one quantity at one line, all sources weighted by their frequency.
 
     The line is a position among the stations and barriers, the quantity one of
     control_lines.QUANTITIES.
@@ -60,21 +63,27 @@ def arrivals(sampled: Sequence[Sampled], control_line: int, quantity: str) -> Ar
 
 
 def _at_edges(own: Distribution) -> SourceCounts:
-    """Blocks at or above each edge of the bins, with squares as of Distribution; one place."""
+    """Return blocks at or above each edge of the bins, with squares as of Distribution.
+
+    They are those of one place.
+    """
     above = np.cumsum(own.histogram.counts[::-1])[::-1]
     count, square = (np.append(values, 0)[None] for values in (above, own.squares))
     return SourceCounts(np.zeros(1, np.int64), count, square)
 
 
 def _variance(source: Source, counts: SourceCounts) -> FloatArray:
-    """Variance of the rates of a source at a line; of given points at most, as of single blocks."""
+    """Return the variance of the rates of a source at a line.
+
+    For given points it is at most that of single blocks.
+    """
     if source.random_points:
         return source_variance(source, counts)
     return source.rate_per_rock**2 * counts.square.astype(np.float64)
 
 
 def value_at_rate(curve: Arrivals, rate: float) -> float:
-    """The smallest value that is exceeded no more often than ``rate`` (per year).
+    """Return the smallest value that is exceeded no more often than ``rate`` (per year).
 
     Within a bin the blocks are taken as spread evenly; no value lies above the largest seen. NaN
     where blocks arrive less often than that at all: there is no such value.
@@ -90,7 +99,7 @@ def value_at_rate(curve: Arrivals, rate: float) -> float:
 
 
 def value_limits(curve: Arrivals, rate: float, confidence: float) -> tuple[float, float]:
-    """Limits of ``value_at_rate``, given the sample; NaN where there is none.
+    """Return limits of ``value_at_rate``, given the sample; NaN where there is none.
 
     The lower one is 0 where blocks may come less often, the upper one NaN where more energy or
     height than any block had may be that frequent.
@@ -105,7 +114,9 @@ def value_limits(curve: Arrivals, rate: float, confidence: float) -> tuple[float
 
 
 def rocks_beyond(curve: Arrivals, rate: float) -> int:
-    """Simulated blocks above the value that is exceeded at ``rate``: few mean a poor estimate.
+    """Return simulated blocks above the value that is exceeded at ``rate``.
+
+    Few of them mean a poor estimate.
 
     Counted from the upper edge of the bin that holds the value.
     """
@@ -116,7 +127,7 @@ def rocks_beyond(curve: Arrivals, rate: float) -> int:
 
 @cache
 def net_classes() -> tuple[tuple[str, float], ...]:
-    """Name and maximum energy (kJ) of the classes, rising: sassgis/data/net_classes.csv."""
+    """Return name and maximum energy (kJ) of the classes, rising: sassgis/data/net_classes.csv."""
     return tuple(
         (row["class"], float(row["maximum_energy_kj"] or "inf"))
         for row in built_in_rows("net_classes")
@@ -124,19 +135,19 @@ def net_classes() -> tuple[tuple[str, float], ...]:
 
 
 def net_class(energy_kj: float) -> str:
-    """The lowest class of nets whose maximum energy level is not below an energy; "" of NaN."""
+    """Return lowest class of nets whose maximum energy level is not below an energy; "" of NaN."""
     if np.isnan(energy_kj):
         return ""
     return next(name for name, most in net_classes() if energy_kj <= most)
 
 
 def sphere_diameter_m(mass_kg: float, density_kgm3: float) -> float:
-    """Diameter of a sphere of a mass (m)."""
+    """Return the diameter of a sphere of a mass (m)."""
     return float(np.cbrt(6.0 * mass_kg / (np.pi * density_kgm3)))
 
 
 def passing_rate(behind: Arrivals) -> float:
-    """How often blocks go on behind a line (1/year), by the curve of control_lines.BEHIND.
+    """Compute the rate (1/year) of blocks behind a line by the curve of control_lines.BEHIND.
 
     Blocks that a barrier takes lie in the first bin.
     """

@@ -20,7 +20,7 @@ _TRUNCATED = 2.5
 def intensity_class(
     curves: HazardCurves, preset: HazardPreset, years: float | None
 ) -> NDArray[np.int16]:
-    """Strongest class of intensity that is reached at least once in a return period T (years).
+    """Find the strongest intensity class reached at least once in a return period T (years).
 
     A class is met if λ(E >= its lower limit) >= 1/T, the lowest class if blocks arrive that often
     at all. Without ``years`` it is that of the extreme event: whatever is not rarer than the
@@ -36,13 +36,13 @@ def intensity_class(
 
 
 def _counts(rate: FloatArray, preset: HazardPreset) -> NDArray[np.bool_]:
-    """Whether a rate is high enough for any level."""
+    """Return whether a rate is high enough for any level."""
     some: NDArray[np.bool_] = rate > 0.0
     return some if preset.rarest_years is None else some & meets(rate, preset.rarest_years)
 
 
 def levels_of_rates(rate: FloatArray, preset: HazardPreset) -> NDArray[np.int16]:
-    """Level of each field of the matrix that the rates of a place meet, shape (n, n_intensities).
+    """Find the level of each matrix field that a place's rates meet, shape (n, n_intensities).
 
     Rates are λ(E >= lower limit of each class of intensity) per year, in the same shape. The field
     is that of class i and the class of return period of T = 1/λ_i; the level is 0 where λ_i is 0,
@@ -59,10 +59,10 @@ def levels_of_rates(rate: FloatArray, preset: HazardPreset) -> NDArray[np.int16]
 
 
 def hazard_level(curves: HazardCurves, preset: HazardPreset) -> NDArray[np.int16]:
-    """Hazard level of each place: the highest level of the matrix that its curve crosses.
+    """Return hazard level of each place: the highest level of the matrix that its curve crosses.
 
     Along the curve the rate falls as the energy rises, so within a class of intensity its lower
-    limit has the highest level: the thresholds alone decide, which are among the energies. 0 where
+    limit has the highest level: only the thresholds decide, which are among the energies. 0 where
     no block arrives, or too rarely for any level, else the level's position in the preset plus 1.
     """
     rate = at_energies(curves, preset.thresholds_kj).rate
@@ -71,7 +71,9 @@ def hazard_level(curves: HazardCurves, preset: HazardPreset) -> NDArray[np.int16
 
 
 def deciding_energy(curves: HazardCurves, preset: HazardPreset) -> IntArray:
-    """Threshold of energy that gave each place its level: a column of ``curves.energies_kj``.
+    """Return the threshold of energy that gave each place its level.
+
+    It is a column of ``curves.energies_kj``.
 
     It is the lower limit of the weakest class of intensity that gives the level. -1 where there is
     none.
@@ -83,7 +85,7 @@ def deciding_energy(curves: HazardCurves, preset: HazardPreset) -> IntArray:
 
 
 def limits_of_levels(preset: HazardPreset) -> FloatArray:
-    """Least rate (1/year) of each class of intensity that gives each level or a higher one.
+    """Find the least rate (1/year) of each intensity class that gives each level or a higher one.
 
     Infinite where the class never gives it, 0 where any block does; shape (n_levels,
     n_intensities).
@@ -99,7 +101,7 @@ def limits_of_levels(preset: HazardPreset) -> FloatArray:
 def cells_within_limit(
     curves: HazardCurves, preset: HazardPreset, grid: Grid, width_m: float
 ) -> BoolArray:
-    """Places around which blocks arrive at least as often as the rarest event of a preset.
+    """Return places around which blocks arrive at least as often as the rarest event of a preset.
 
     The frequency is the mean around a place, weighted by a normal density that has the standard
     deviation of a disk of this width along each axis. So the limit is not that of the paths of

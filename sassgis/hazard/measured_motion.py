@@ -40,7 +40,7 @@ class Measured:
 
 @cache
 def measured_motion() -> tuple[Measured, ...]:
-    """By rising volume, from sassgis/data/measured_motion.csv, which has the sources."""
+    """Read rows by rising volume from sassgis/data/measured_motion.csv, which has the sources."""
     return tuple(
         Measured(
             float(row["volume_to_m3"]),
@@ -54,13 +54,13 @@ def measured_motion() -> tuple[Measured, ...]:
 
 
 def measured_at(volume_m3: float) -> Measured:
-    """What was measured on blocks of the size class of a volume (m³); of the largest beyond it."""
+    """Return measurements on blocks of a volume's (m³) size class; the largest class beyond it."""
     rows = measured_motion()
     return next((row for row in rows if volume_m3 <= row.volume_to_m3), rows[-1])
 
 
 def size_warnings(blocks: tuple[BlockPopulation, ...]) -> list[str]:
-    """Scenarios with blocks larger than any whose motion was measured."""
+    """Return scenarios with blocks larger than any whose motion was measured."""
     known = measured_motion()[-2].volume_to_m3
     beyond = [f"{own.name} ({short(own.largest_volume_m3)} m³)" for own in blocks
               if own.largest_volume_m3 > known]  # fmt: skip
@@ -76,7 +76,7 @@ def size_warnings(blocks: tuple[BlockPopulation, ...]) -> list[str]:
 def motion_warnings(
     blocks: tuple[BlockPopulation, ...], maps: Mapping[str, NDArray[np.floating[Any]]]
 ) -> list[str]:
-    """Where maps go beyond what was measured on blocks as large as the largest of a run.
+    """Warn where maps exceed measurements on blocks as large as the largest of a run.
 
     Parameters
     ----------
@@ -104,7 +104,7 @@ def motion_warnings(
 
 
 def words_at_line(sampled: Sequence[Sampled], line: int) -> str:
-    """How far 95 % values at a station or barrier are beyond what was measured; else empty.
+    """State how far 95 % values at a station or barrier exceed measurements; else empty.
 
     ``line`` is its position. The size is that of the mass of which 95 % are below, at the density
     of a block of which nothing is said.

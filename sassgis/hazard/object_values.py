@@ -1,4 +1,4 @@
-"""What reaches exposed objects: energies and heights of all blocks that come to each, pooled."""
+"""Loads on exposed objects: energies and heights of all blocks that reach each, pooled."""
 
 from __future__ import annotations
 
@@ -30,17 +30,17 @@ class ObjectEstimate:
     high: FloatArray
 
     def of(self, number: int) -> tuple[float, float, float]:
-        """Value and limits of one object."""
+        """Return the value and limits of one object."""
         return float(self.value[number]), float(self.low[number]), float(self.high[number])
 
     def columns(self, name: str) -> dict[str, FloatArray]:
-        """Values and limits by the name of the values."""
+        """Return values and limits by the name of the values."""
         return {name: self.value, f"{name}_low": self.low, f"{name}_high": self.high}
 
 
 @dataclass(frozen=True, slots=True)
 class ObjectValues:
-    """What reaches each object."""
+    """Energies and heights of the blocks that reach each object."""
 
     arrivals: ObjectEstimate  # blocks per year; without frequencies, the blocks themselves
     # Not exceeded by 95 % of the blocks: of the energy each counts once with its largest on the
@@ -63,7 +63,7 @@ def object_values(
     return_periods: Sequence[float] = (),
     confidence: float = 0.95,
 ) -> ObjectValues:
-    """What reaches each object.
+    """Compute energies and heights of the blocks that reach each object.
 
     Parameters
     ----------
@@ -99,7 +99,7 @@ def object_values(
         unknown = ends[1].rate[:, -1] * years >= 1.0
         low = np.where(np.isnan(low), 0.0, low)
         high = np.where(unknown, np.nan, high)
-        # The value is found in another way where the next energy of the curve is one of no block.
+        # The value comes in another way where the next energy of the curve is one of no block.
         low, high = np.minimum(low, value), np.maximum(high, value)
         return placed(value, *(np.where(np.isnan(value), np.nan, v) for v in (low, high)))
 
@@ -122,7 +122,7 @@ def _heights(
     edges: FloatArray,
     confidence: float,
 ) -> ObjectEstimate:
-    """95 % quantile of the passing height in the cells of each object, with an interval.
+    """Return 95 % quantile of the passing height in the cells of each object, with an interval.
 
     Limits by the order of as many independent blocks as the rate of the object and its variance
     are those of (binomial, taken as normal), but no more than arrive: where nearly all blocks

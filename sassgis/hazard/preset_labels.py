@@ -1,4 +1,4 @@
-"""What maps and reports say of a preset's rules."""
+"""Words of maps and reports on a preset's rules."""
 
 from __future__ import annotations
 
@@ -10,14 +10,17 @@ from sassgis.settings.languages import joined, phrase
 
 
 def period_labels(return_periods: Sequence[float]) -> tuple[str, ...]:
-    """Names of the classes of return period: "up to 30", "30 to 100", ..., "beyond 300" (years)."""
+    """Return names of the classes of return period.
+
+    They are "up to 30", "30 to 100", ..., "beyond 300" (years).
+    """
     limits = [f"{t:g}" for t in return_periods]
     between = [phrase("{} to {}", a, b) for a, b in pairwise(limits)]
     return (phrase("up to {}", limits[0]), *between, phrase("beyond {}", limits[-1]))
 
 
 def energy_labels(preset: HazardPreset) -> tuple[str, ...]:
-    """Spans of energy of the classes of intensity: "below 30 kJ", ..., "300 kJ and more"."""
+    """Return spans of energy of the classes of intensity: "below 30 kJ", ..., "300 kJ and more"."""
     limits = [f"{e:g}" for e in preset.thresholds_kj]
     if len(limits) == 1:
         return (phrase("any energy"),)
@@ -26,7 +29,7 @@ def energy_labels(preset: HazardPreset) -> tuple[str, ...]:
 
 
 def preset_unverified(preset: HazardPreset) -> list[str]:
-    """What in a preset was not read in its source, for warnings.
+    """List values of a preset that were not read in its source, for warnings.
 
     One text per source, with the values that rest on it; empty if all are verified.
     """
@@ -42,14 +45,17 @@ def preset_unverified(preset: HazardPreset) -> list[str]:
 
 
 def unverified_in_short(preset: HazardPreset) -> list[str]:
-    """The same without the sources, in one text or none: for sheets, where there is little room."""
+    """Return the same without the sources, in one text or none.
+
+    It is for sheets, where there is little room.
+    """
     what = [text for own in _unverified(preset).values() for text in own]
     text = "Preset {}, unverified: {}. See the report."
     return [phrase(text, preset.name, joined(", ", what))] if what else []
 
 
 def _unverified(preset: HazardPreset) -> dict[str, list[str]]:
-    """Unverified values by the text of their source, each in words."""
+    """Return unverified values by the text of their source, each in words."""
     periods = ", ".join(f"{t:g}" for t in preset.return_periods)
     values = [(phrase("intensity {}", phrase(c.label)), c.provenance) for c in preset.intensities]
     values.append((phrase("return periods {} years", periods), preset.return_period_provenance))
@@ -71,7 +77,7 @@ def _unverified(preset: HazardPreset) -> dict[str, list[str]]:
 
 
 def _by_source(values: Sequence[tuple[str, Provenance]]) -> dict[str, list[str]]:
-    """Unverified values by the text of their source."""
+    """Return unverified values by the text of their source."""
     found: dict[str, list[str]] = {}
     for what, provenance in values:
         if not provenance.verified:
@@ -80,7 +86,7 @@ def _by_source(values: Sequence[tuple[str, Provenance]]) -> dict[str, list[str]]
 
 
 def _unverified_fields(preset: HazardPreset) -> dict[str, str]:
-    """Unverified fields of the matrix in a few words, by their source."""
+    """Return unverified fields of the matrix in a few words, by their source."""
     fields = [
         (phrase("{} {} years", intensity.code, period), provenance)
         for intensity, row in zip(preset.intensities, preset.matrix_provenance, strict=True)

@@ -32,7 +32,7 @@ class ReachAngles:
 
 
 def reach_angles(run: MapRun, planned: Plan, progress: Progress) -> ReachAngles:
-    """Angles of the blocks that are kept one by one and came to rest or stopped at a barrier.
+    """Compute the angles of single blocks that came to rest or stopped at a barrier.
 
     Distances are straight lines in plan; heights are those of the terrain.
     """
@@ -50,7 +50,7 @@ def reach_angles(run: MapRun, planned: Plan, progress: Progress) -> ReachAngles:
 
 
 def foot_of_cliff(grid: Grid, x: FloatArray, y: FloatArray) -> FloatArray:
-    """Where a fall line leaves the cliff on which it begins: x, y, z (m); NaN for no cliff."""
+    """Find where a fall line leaves the cliff on which it begins: x, y, z (m); NaN for no cliff."""
     s = np.concatenate([[0.0], np.cumsum(np.hypot(np.diff(x), np.diff(y)))])
     at = np.arange(0.0, s[-1] + 1e-9, STEP_M)
     places = _places(grid, np.interp(at, s, x), np.interp(at, s, y))
@@ -60,12 +60,15 @@ def foot_of_cliff(grid: Grid, x: FloatArray, y: FloatArray) -> FloatArray:
 
 
 def _places(grid: Grid, x: FloatArray, y: FloatArray) -> FloatArray:
-    """X, y and the height of the cell, shape (n, 3); NaN outside."""
+    """Return x, y and the height of the cell, shape (n, 3); NaN outside."""
     return np.column_stack([x, y, grid.value_at(x, y)])
 
 
 def _angle_deg(upper: FloatArray, lower: FloatArray) -> FloatArray:
-    """Angle below the horizontal of the line between places; NaN if they are one, or it rises."""
+    """Return the angle below the horizontal of the line between places.
+
+    It is NaN if they are one, or if the line rises.
+    """
     distance = np.hypot(*(lower - upper)[:, :2].T)
     drop = upper[:, 2] - lower[:, 2]
     out: FloatArray = np.where(

@@ -70,16 +70,19 @@ class RiskTable:
     variances: Mapping[str, FloatArray]
 
     def of_object(self, quantity: str) -> FloatArray:
-        """Sum over the sources, shape (n_objects,); correctly rounded, whatever their order."""
+        """Sum over the sources, shape (n_objects,), correctly rounded whatever their order."""
         return _sums(self.values[quantity].T)
 
     def standard_error(self, quantity: str) -> FloatArray:
-        """Upper bound of the standard error of :meth:`of_object`; samples are independent."""
+        """Return the upper bound of the standard error of :meth:`of_object`.
+
+        Samples are independent.
+        """
         error: FloatArray = np.sqrt(_sums(by_sample(self.variances[quantity], self.sources).T))
         return error
 
     def limits(self, quantity: str) -> tuple[FloatArray, FloatArray]:
-        """Limits of a 95 % interval of :meth:`of_object`, given the sample.
+        """Return limits of a 95 % interval of :meth:`of_object`, given the sample.
 
         By sampling_error.gamma_interval, with the variance over the value as what one more of what
         was drawn would add.
@@ -123,19 +126,22 @@ class RiskTotal:
 
 
 def _sums(rows: FloatArray) -> FloatArray:
-    """Correctly rounded sum of each row."""
+    """Return correctly rounded sum of each row."""
     return np.array([math.fsum(row) for row in rows.tolist()], np.float64)
 
 
 def _samples(sources: Sequence[Source]) -> list[tuple[str, str]]:
-    """The sample that each source belongs to: points drawn for an area are those of all of it."""
+    """Return the sample that each source belongs to.
+
+    Points drawn for an area are those of all of it.
+    """
     return [(s.area, "" if s.random_points else s.scenario) for s in sources]
 
 
 def by_sample(variance: FloatArray, sources: Sequence[Source]) -> FloatArray:
-    """Variances of independent samples from those of sources.
+    """Return variances of independent samples from those of sources.
 
-    Every source is a sample of its own, but scenarios of an area with random release points start
+    Every source is a separate sample, but scenarios of an area with random release points start
     from the same points: their standard errors add up at most. ``variance`` has the shape
     (n_sources, n).
     """
@@ -163,7 +169,7 @@ def vehicles_in_strip(
     vehicle_length_m: ArrayLike,
     block_width_m: ArrayLike,
 ) -> FloatArray:
-    """Expected number of vehicles that a block crossing the road meets.
+    """Return expected number of vehicles that a block crossing the road meets.
 
     n = Q / (24 h/day) · (L + w) / (1000 m/km · v): vehicles per hour times the hours for which one
     of them has a part of itself in a strip as wide as the block. The block is taken to cross in no
@@ -177,7 +183,9 @@ def vehicles_in_strip(
 
 
 def class_hits(rate: FloatArray) -> FloatArray:
-    """Hits per year of each class: h_i = λ(E >= e_i) − λ(E >= e_{i+1}); the last class is open.
+    """Return hits per year of each class: h_i = λ(E >= e_i) − λ(E >= e_{i+1}).
+
+    The last class is open.
 
     ``rate`` is λ at the lower limits of the classes (1/year), shape (..., n_intensities).
     """
@@ -188,7 +196,7 @@ def class_hits(rate: FloatArray) -> FloatArray:
 def weighted_variance(
     cost: FloatArray, rate: FloatArray, variance: FloatArray, source: Source
 ) -> FloatArray:
-    """Upper bound of the sampling variance of Σ_i h_i c_i for one source.
+    """Return the upper bound of the sampling variance of Σ_i h_i c_i for one source.
 
     The classes' counts are nested (a block of a strong class is among those of the weak ones), so
     that their errors hang together, while the sample keeps the squares of each count only and not
@@ -241,7 +249,7 @@ def weighted_variance(
 def hit_costs(
     objects: Sequence[ExposedObject], vulnerability: Vulnerability, block_width_m: float
 ) -> dict[str, FloatArray]:
-    """What one hit of each intensity by a block of a width (m) costs each object.
+    """Compute what one hit of each intensity by a block of a width (m) costs each object.
 
     Returns
     -------
@@ -297,7 +305,7 @@ def assess_risk(
     limits_kj: Sequence[float],
     vulnerability: Vulnerability,
 ) -> RiskTable:
-    """Risk of each object from each source; the places of the counts are numbers of objects.
+    """Return risk of each object from each source; the places of the counts are numbers of objects.
 
     Parameters
     ----------
@@ -342,10 +350,10 @@ def assess_risk(
 
 
 def risk_totals(table: RiskTable) -> list[RiskTotal]:
-    """Sums by road or line, by kind, by source, and over all.
+    """Return sums by road or line, by kind, by source, and over all.
 
     Each value is the correctly rounded sum (``math.fsum``) of the values of its objects, as
-    ``RiskTable.of_object`` gives them; for a source, of what it adds to each object.
+    ``RiskTable.of_object`` returns them; for a source, of what it adds to each object.
     """
     groups: dict[tuple[str, str], list[int]] = {}
     for i, thing in enumerate(table.objects):
@@ -393,12 +401,15 @@ def _who(thing: ExposedObject) -> dict[str, object]:
 
 
 def _share(part: float, whole: float) -> float:
-    """Part over whole; NaN where there is no whole."""
+    """Return the part over whole; NaN where there is no whole."""
     return float(part / whole) if whole else math.nan
 
 
 def object_rows(table: RiskTable) -> list[dict[str, object]]:
-    """A row per object: what it is, hits by intensity, every quantity with its standard error."""
+    """Return a row per object.
+
+    It has what the object is, hits by intensity, every quantity with its standard error.
+    """
     sums = {q: table.of_object(q) for q in table.values}
     errors = {q: table.standard_error(q) for q in table.values}
     one_rock = table.one_rock
@@ -416,7 +427,10 @@ def object_rows(table: RiskTable) -> list[dict[str, object]]:
 
 
 def source_rows(table: RiskTable) -> list[dict[str, object]]:
-    """A row per object and source that hits it: what the source adds, and its share of the loss."""
+    """Return a row per object and source that hits it.
+
+    It has what the source adds, and its share of the loss.
+    """
     loss, deaths = table.of_object("loss"), table.of_object("deaths")
     rows: list[dict[str, object]] = []
     for k, thing in enumerate(table.objects):
@@ -436,7 +450,7 @@ def source_rows(table: RiskTable) -> list[dict[str, object]]:
 
 
 def total_rows(table: RiskTable) -> list[dict[str, object]]:
-    """A row per sum of :func:`risk_totals`."""
+    """Return a row per sum of :func:`risk_totals`."""
     rows = []
     for total in risk_totals(table):
         names = ("scope", "name", "objects")

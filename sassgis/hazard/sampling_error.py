@@ -67,7 +67,7 @@ class LevelChances:
         return float(self.changed.sum()) / zoned if zoned else 0.0
 
     def interval(self, confidence: float) -> tuple[NDArray[np.int16], NDArray[np.int16]]:
-        """Levels between which another sample would put each place.
+        """Return levels between which another sample would put each place.
 
         Parameters
         ----------
@@ -87,11 +87,11 @@ class LevelChances:
         )
 
     def uncertain(self, confidence: float) -> BoolArray:
-        """Whether another sample might give a place another level, shape (n,).
+        """Return whether another sample might give a place another level, shape (n,).
 
         These are the places with another level in the interval, and as many more, the most probable
         first, as hold a share ``confidence`` of all that another sample changes; but none that is
-        five times less probable than the interval asks for. In a part of the map the former alone.
+        five times less probable than the interval asks for. In a part of the map only the former.
         """
         lowest, highest = self.interval(confidence)
         if self.in_part:
@@ -112,7 +112,7 @@ def level_chances(
     known: BoolArray | None = None,
     in_part: bool = False,
 ) -> LevelChances:
-    """Levels that another sample of as many blocks would give.
+    """Return levels that another sample of as many blocks would give.
 
     With one weight w of all blocks a place has n = λ/w of them, with several w = v/λ, for which λ
     has its variance v. What n says of the expected number m hangs on how many places there are of
@@ -170,7 +170,7 @@ def level_chances(
 
 
 def _beta(blocks: FloatArray) -> float:
-    """Exponent of how many places there are of each expected number, from blocks per place."""
+    """Estimate the exponent of the number of places by expected number, from blocks per place."""
     one, two = (int(((blocks >= k - 0.5) & (blocks < k + 0.5)).sum()) for k in (1, 2))
     beta = 1.0 - (2.0 * two + _AT_FIRST) / (one + _AT_FIRST)
     return float(np.clip(beta, -1.0, _MOST_BETA))
@@ -183,7 +183,7 @@ def _chance_of_rate(
     beta: float,
     limit: float,
 ) -> FloatArray:
-    """Probability that another sample gives at least a rate ``limit``."""
+    """Return the probability that another sample gives at least a rate ``limit``."""
     out = ((rate > 0.0) & (rate >= limit * (1.0 - 1e-12))).astype(np.float64)
     out[np.isnan(weight)] = 0.5
     some = np.flatnonzero((weight > 1e-12 * limit) & (rate > 0.0))
@@ -197,7 +197,7 @@ def _chance_of_rate(
 
 
 def _alike(weight: FloatArray, blocks: FloatArray) -> tuple[FloatArray, FloatArray, IntArray]:
-    """Pairs of a weight and a number of blocks, each once, and the pair of each place.
+    """Return pairs of a weight and a number of blocks, each once, and the pair of each place.
 
     There are far fewer than places.
     """
@@ -209,7 +209,7 @@ def _alike(weight: FloatArray, blocks: FloatArray) -> tuple[FloatArray, FloatArr
 
 
 def _fewest(limit: float, weight: FloatArray) -> FloatArray:
-    """Fewest blocks of a weight that make a rate."""
+    """Return fewest blocks of a weight that make a rate."""
     return np.maximum(np.ceil(limit / weight - 1e-6), 1.0)
 
 
@@ -220,7 +220,7 @@ def _first_reached(
     limits: FloatArray,
     known: BoolArray | None,
 ) -> tuple[IntArray, FloatArray, FloatArray]:
-    """Places and others beside them, and the chance that another sample is the first to come.
+    """Return places with their neighbours, and the chance that another sample comes first.
 
     Parameters
     ----------
@@ -276,7 +276,7 @@ def _first_reached(
 
 
 def _chance_of_new(first: FloatArray, weight: FloatArray, beta: float, limit: float) -> FloatArray:
-    """Probability of at least a rate ``limit`` where no block came with such an energy."""
+    """Return probability of at least a rate ``limit`` where no block came with such an energy."""
     out = np.zeros(first.size)
     some = np.flatnonzero((first > 0.0) & (weight > 0.0))
     fewest = np.minimum(_fewest(limit, weight[some]), _FEW_BLOCKS).astype(np.int64)
@@ -285,7 +285,7 @@ def _chance_of_new(first: FloatArray, weight: FloatArray, beta: float, limit: fl
 
 
 def _of_first(beta: float) -> FloatArray:
-    """Chance of k blocks or more where another sample is the first to come, k to _FEW_BLOCKS.
+    """Compute the chance of k or more blocks where another sample comes first, k to _FEW_BLOCKS.
 
     That of j is Γ(j − β)/(j! 2^(j − β)) over its sum, with as many places as m^(−1−β).
     """
@@ -299,7 +299,7 @@ def _of_first(beta: float) -> FloatArray:
 def _chance_of_first(
     some: BoolArray, several: BoolArray, asked: BoolArray, beta: float
 ) -> FloatArray:
-    """Chance that another sample is the first to come to each cell that is asked for."""
+    """Return the chance that another sample is the first to come to each cell that is asked for."""
     out = np.zeros(some.shape)
     single = some & ~several
     if not (single.any() and several.any() and asked.any()):
@@ -315,13 +315,13 @@ def _chance_of_first(
 
 
 def _steps(cells: FloatArray) -> IntArray:
-    """Classes of distance, two to each doubling."""
+    """Return classes of distance, two to each doubling."""
     classes: IntArray = np.floor(2.0 * np.log2(np.maximum(cells, 1.0))).astype(np.int64)
     return classes
 
 
 def distance(beyond: BoolArray) -> tuple[FloatArray, IntArray]:
-    """Distance (cells) to the nearest cell that is not beyond, and which it is, shape (2, ...)."""
+    """Find distance (cells) and identity of the nearest cell that is not beyond, shape (2, ...)."""
     found, nearest = ndimage.distance_transform_edt(beyond, return_indices=True)
     return found, nearest
 
@@ -339,23 +339,23 @@ class _Window:
         self.rows = (row - self._top) * self.known.shape[1] + col - self._left
 
     def map_of(self, values: NDArray[Any]) -> NDArray[Any]:
-        """Values of the cells on the map, 0 elsewhere."""
+        """Return values of the cells on the map, 0 elsewhere."""
         out = np.zeros(self.known.shape, values.dtype)
         out.ravel()[self.rows] = values
         return out
 
     def cells(self, rows: IntArray) -> IntArray:
-        """Flat indices on the terrain of places in the window."""
+        """Return flat indices on the terrain of places in the window."""
         row, col = np.divmod(rows, self.known.shape[1])
         cells: IntArray = (row + self._top) * self._n_cols + col + self._left
         return cells
 
 
 def worth_of_places(curves: HazardCurves, preset: HazardPreset) -> FloatArray:
-    """How much less area another sample changes for each bit less of variance.
+    """Compute how much less area another sample changes per unit less of variance.
 
     What it changes along a limit grows with the standard error s of the rates there, of which the
-    cells within about two errors of the limit L tell: as many of them as the area that changes,
+    cells within about two errors of the limit L count: as many of them as the area that changes,
     and exp(−d²/2)/s² of d = (λ − L)/s, summed over cells, is the change by s².
 
     Parameters
@@ -386,7 +386,7 @@ def worth_of_places(curves: HazardCurves, preset: HazardPreset) -> FloatArray:
 def rocks_factor(
     curves: HazardCurves, preset: HazardPreset, chances: LevelChances, confidence: float
 ) -> FloatArray:
-    """About how many times the blocks it would take to decide the level of each place.
+    """Estimate how many times the blocks it would take to decide the level of each place.
 
     With g times the blocks of every source, the rates being as they are, the variance falls to v/g.
     Two such samples differ with a variance of 2 v/g; taken as normal, a limit is out of reach from

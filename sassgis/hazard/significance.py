@@ -21,7 +21,7 @@ def chance_of_difference(
     of_a_block: tuple[ArrayLike, ArrayLike],
     freedom: tuple[float, float] = (math.inf, math.inf),
 ) -> FloatArray:
-    """Two-sided p values of differences between two independent samples.
+    """Return two-sided p values of differences between two independent samples.
 
     Where both rest on many blocks the difference is normal, or has Student's t distribution where
     release points were drawn (Welch 1947, Biometrika 34: 28-35). Else a rate λ with variance v
@@ -65,7 +65,7 @@ def chance_of_difference(
 
 
 def _at_least(a: FloatArray, b: FloatArray, share: FloatArray) -> FloatArray:
-    """P(N >= a) of a + b blocks of which each is in the sample with the probability ``share``."""
+    """Compute P(N >= a) of a + b blocks, each in the sample with the probability ``share``."""
     out: FloatArray = np.where(a > 0.0, special.betainc(np.maximum(a, 1e-9), b + 1.0, share), 1.0)
     return out
 
@@ -77,7 +77,7 @@ def beyond_sampling(
     freedom: tuple[float, float] = (math.inf, math.inf),
     false_share: float = 0.05,
 ) -> NDArray[np.bool_]:
-    """Places at which two samples differ by more than sampling explains, shape (n,).
+    """Return places at which two samples differ by more than sampling explains, shape (n,).
 
     Of the places that are found, a share of ``false_share`` at most is to be expected by chance;
     between two samples of the same, there is any with this probability at most. This false

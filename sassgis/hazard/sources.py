@@ -22,7 +22,7 @@ _PLACE = {"per_year_ha": "release polygons", "per_year_m": "release lines"}
 
 @dataclass(frozen=True, slots=True)
 class Sampled:
-    """What was simulated of one source."""
+    """Simulated blocks of one source."""
 
     source: Source
     # Places are flat indices of cells, and numbers of exposed objects.
@@ -45,7 +45,7 @@ def onset_frequencies(
     table: OnsetTable,
     config_file: Path | None,
 ) -> dict[tuple[str, str], float]:
-    """Blocks released per year, by release area and block scenario.
+    """Return blocks released per year, by release area and block scenario.
 
     ``onsets`` are by scenario; the table goes before them. The configuration is for messages.
 
@@ -86,7 +86,7 @@ def onset_frequencies(
 
 
 def _size(area: ReleaseArea, onset: Onset) -> float:
-    """What the frequency is multiplied with: the extent of the ground from which blocks start."""
+    """Return the factor of the frequency: the extent of the ground from which blocks start."""
     if onset.unit == "per_year_ha":
         return area.known * float(area.geometry.area) / _HECTARE_M2
     if onset.unit == "per_year_m":
@@ -97,7 +97,7 @@ def _size(area: ReleaseArea, onset: Onset) -> float:
 def sampled_sources(
     run: MapRun, progress: Progress, frequencies: dict[tuple[str, str], float] | None
 ) -> list[Sampled]:
-    """Every source of a run with its counts, areas in their order, scenarios within them.
+    """Return every source of a run with its counts, areas in their order, scenarios within them.
 
     Without frequencies the rate of each block is 1.
     """
@@ -123,7 +123,7 @@ def sampled_sources(
 
 
 def on_known_terrain(counts: SourceCounts, grid: Grid) -> SourceCounts:
-    """The counts without cells of unknown height, which blocks beside them count for as well."""
+    """Return counts without cells of unknown height, which nearby blocks count for as well."""
     known = np.isfinite(grid.values.ravel()[counts.places])
     if known.all():
         return counts

@@ -60,7 +60,7 @@ class BlockSurvey:
         return int(self.count.sum())
 
     def complete(self, volume: float) -> BlockSurvey:
-        """Blocks of this volume (m3) and above.
+        """Return blocks of this volume (m3) and above.
 
         Raises
         ------
@@ -104,13 +104,13 @@ class PowerLaw:
         return math.log(self.up_to / self.complete_from)
 
     def share(self, low: float, high: float, b: FloatArray | float) -> FloatArray:
-        """Share of the blocks with volumes between two limits (m3), for given exponents."""
+        """Return share of the blocks with volumes between two limits (m3), for given exponents."""
         x, y = (math.log(v / self.complete_from) for v in (low, high))
         part = np.exp(-np.multiply(b, x)) * -np.expm1(-np.multiply(b, y - x))
         return np.asarray(part / -np.expm1(-np.multiply(b, self.span)))
 
     def frequency(self, low: float, high: float, rate: float, counted: bool) -> Estimate:
-        """Annual frequency of blocks between two volumes (m3), with its likelihood interval.
+        """Return annual frequency of blocks between two volumes (m3), with its likelihood interval.
 
         ``rate`` is the annual frequency of all blocks of the law; ``counted`` is whether it is the
         count of the survey over years, else it is taken as exact.
@@ -187,7 +187,7 @@ def fit_power_law(survey: BlockSurvey, complete_from: float, up_to: float = math
 
 
 def higher_thresholds(law: PowerLaw) -> Iterator[PowerLaw]:
-    """The same fit from larger volumes on, as long as blocks are left: up to three."""
+    """Yield the same fit from larger volumes on, as long as blocks remain: up to three."""
     low = np.unique(law.survey.low)
     steps = law.complete_from * 2.0 ** np.arange(1, 4) if law.survey.is_list else low[1:4]
     for volume in steps:
@@ -199,7 +199,7 @@ def higher_thresholds(law: PowerLaw) -> Iterator[PowerLaw]:
 
 
 def fit_test(law: PowerLaw, seed: int = 1) -> tuple[float, float]:
-    """Largest distance between the observed and the fitted shares, and how likely a larger one is.
+    """Find the largest distance of observed and fitted shares, and how likely a larger one is.
 
     Returns
     -------
@@ -229,7 +229,7 @@ def fit_test(law: PowerLaw, seed: int = 1) -> tuple[float, float]:
 
 
 def _classes(law: PowerLaw) -> list[tuple[float, float]]:
-    """Classes of a survey without gaps, from the volume of completeness to the largest."""
+    """Return classes of a survey without gaps, from the volume of completeness to the largest."""
     edges = sorted({law.complete_from, law.up_to, *law.survey.low, *law.survey.high})
     return list(itertools.pairwise(edges))
 
@@ -245,7 +245,7 @@ def _distance(law: PowerLaw) -> float:
 
 
 def _likelihood(survey: BlockSurvey, complete_from: float, span: float) -> Likelihood:
-    """The log-likelihood of a survey as a function of the exponent, up to a constant."""
+    """Return the log-likelihood of a survey as a function of the exponent, up to a constant."""
     x = np.log(survey.low / complete_from)
     width = np.log(survey.high / survey.low)
     measured = width == 0.0

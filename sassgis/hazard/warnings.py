@@ -1,4 +1,4 @@
-"""What a user must know before trusting a result: one list for every command.
+"""Warnings that a user must know before trusting a result: one list for every command.
 
 ``validate`` gives what the inputs show, ``run`` what the simulation adds to it, ``zone`` and
 ``batch`` what the rules of the zoning add.
@@ -76,12 +76,12 @@ _SET_UP = (
 
 
 def describes_set_up(warning: str) -> bool:
-    """Whether a warning, in English, describes the set-up and not what may make a map wrong."""
+    """Return whether a warning, in English, describes the set-up, not a wrong map."""
     return warning.startswith(_SET_UP)
 
 
 def _some_blocks(n: int, total: int) -> Phrase:
-    """Blocks of all blocks: their share, or how many they are if these are few."""
+    """State blocks of all blocks: their share, or how many they are if these are few."""
     if n >= _FEW * total:
         return phrase("{} % of the blocks", short(100.0 * n / total))
     all_blocks = thousands(total)
@@ -93,7 +93,10 @@ def _some_blocks(n: int, total: int) -> Phrase:
 
 
 def ground_shares(run: MapRun, cells: IntArray) -> list[tuple[GroundClass, float]]:
-    """Ground classes of flat cells with their share; of all known cells where none are given."""
+    """Return ground classes of flat cells with their share.
+
+    All known cells count where none are given.
+    """
     known = np.isfinite(run.grid.values)
     of_cells = run.ground.ravel()[cells] if cells.size else run.ground[known]
     used, counts = np.unique(of_cells, return_counts=True)
@@ -101,12 +104,12 @@ def ground_shares(run: MapRun, cells: IntArray) -> list[tuple[GroundClass, float
 
 
 def ground_words(used: Iterable[tuple[GroundClass, float]]) -> str:
-    """Classes with their share: "rock 12 %, debris 30 %"."""
+    """Return classes with their share: "rock 12 %, debris 30 %"."""
     return ", ".join(f"{c.name} {100 * share:.0f} %" for c, share in used)
 
 
 def ground_warnings(used: Sequence[tuple[GroundClass, float]]) -> list[str]:
-    """How far the values of the classes that occur may be trusted; each with its share."""
+    """Warn how far the values of the classes that occur may be trusted, each with its share."""
     out: list[str] = []
     for trust, text in _TRUST_WARNINGS:
         if names := ground_words((c, share) for c, share in used if c.trust == trust):
@@ -119,7 +122,7 @@ def ground_warnings(used: Sequence[tuple[GroundClass, float]]) -> list[str]:
 
 
 def path_warnings(path: str) -> list[str]:
-    """What paths of this kind leave out."""
+    """State what paths of this kind leave out."""
     if path == "followed":
         return []
     return [
@@ -129,7 +132,7 @@ def path_warnings(path: str) -> list[str]:
 
 
 def release_warnings(run: MapRun, points: ReleasePoints) -> list[str]:
-    """Release areas whose points do not go with their size, or are far apart."""
+    """Warn of release areas whose points do not match their size, or are far apart."""
     spacing, n = run.release.spacing_m, len(run.areas)
     counts, length = np.bincount(points.area, minlength=n), np.zeros(n)
     if points.sides is not None:
@@ -161,7 +164,7 @@ def release_warnings(run: MapRun, points: ReleasePoints) -> list[str]:
 
 
 def idle_areas(areas: Iterable[str]) -> list[str]:
-    """That no block starts in some release areas; nothing without any."""
+    """Warn that no block starts in some release areas; nothing without any."""
     text = (
         "No block starts in these release areas, because no release point has a height and a "
         "descent: {}. The maps do not contain their onset frequency."
@@ -171,7 +174,7 @@ def idle_areas(areas: Iterable[str]) -> list[str]:
 
 
 def simulation_warnings(run: MapRun, progress: Progress) -> list[str]:
-    """What happened to blocks and lines, and what the inputs leave open."""
+    """Warn of what happened to blocks and lines, and of what the inputs leave open."""
     total = max(int(progress.reasons.sum()), 1)
     started = max(total - int(progress.reasons[StopReason.NEVER_STARTED]), 1)
     out: list[str] = []
@@ -207,7 +210,7 @@ def simulation_warnings(run: MapRun, progress: Progress) -> list[str]:
 
 
 def rule_warnings(preset: HazardPreset, frequencies: Mapping[tuple[str, str], float]) -> list[str]:
-    """What the rules of a zoning leave open, with blocks per year by area and scenario."""
+    """Warn of what a zoning's rules leave open, with blocks per year by area and scenario."""
     out = preset_unverified(preset)
     idle = [f"{area} / {scenario}" for (area, scenario), n in frequencies.items() if n == 0.0]
     if idle:
@@ -216,13 +219,13 @@ def rule_warnings(preset: HazardPreset, frequencies: Mapping[tuple[str, str], fl
 
 
 def sample_words(changed_share: float) -> str:
-    """What another sample would change: one sentence for command, report and sheets."""
+    """State what another sample would change, in one sentence for command, report and sheets."""
     text = "With another random seed, {} % of the zoned area changes level."
     return phrase(text, f"{100 * changed_share:.1f}")
 
 
 def edge_words(run: MapRun, progress: Progress, open_m: float) -> str:
-    """That blocks were lost at the edge of the terrain model: one sentence; empty without any.
+    """State in a sentence that blocks were lost at the edge of the terrain; empty without any.
 
     ``open_m`` is the length over which zones go on there (m).
     """
@@ -240,7 +243,7 @@ def edge_words(run: MapRun, progress: Progress, open_m: float) -> str:
 
 
 def zone_warnings(changed_share: float, budget: BlockBudget | None) -> list[str]:
-    """What a zoning has not settled within its budget."""
+    """Warn of what a zoning has not settled within its budget."""
     if budget is None or changed_share <= budget.changed_share:
         return []
     text = (
@@ -251,7 +254,7 @@ def zone_warnings(changed_share: float, budget: BlockBudget | None) -> list[str]
 
 
 def edit_lines(applied: Sequence[AppliedEdit]) -> list[str]:
-    """That zones were edited by hand, in one sentence; nothing without edits."""
+    """State in one sentence that zones were edited by hand; nothing without edits."""
     if not applied:
         return []
     authors = ", ".join(dict.fromkeys(a.edit.author for a in applied))
@@ -265,7 +268,7 @@ def edit_lines(applied: Sequence[AppliedEdit]) -> list[str]:
 
 
 def edit_warnings(applied: Sequence[AppliedEdit]) -> list[str]:
-    """Edits below which another level is computed than when they were made."""
+    """Return edits below which another level is computed than when they were made."""
     return [
         phrase(
             "Under an edit ({}), the computed level has changed on {} % of its area. Before: {}. "
@@ -281,7 +284,7 @@ def edit_warnings(applied: Sequence[AppliedEdit]) -> list[str]:
 
 
 def profile_warnings(result: ProfileResult, effects: EffectSettings) -> list[str]:
-    """What happened to the blocks of a profile."""
+    """Warn of what happened to the blocks of a profile."""
     out: list[str] = []
     if effects.get(LateralDeflection) is not None:
         out.append("A profile has no width. [effects.lateral_deflection] has no effect here.")

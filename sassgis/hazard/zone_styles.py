@@ -1,6 +1,6 @@
 """Ready styles of hazard zones: levels, intensities, changes by barriers, uncertain levels.
 
-Colours and names are those of the preset. Levels are not distinguished by colour alone: a level
+Colours and names are those of the preset. Levels are not distinguished only by colour: a level
 that the preset calls hatched is drawn as stripes on white.
 """
 
@@ -26,7 +26,7 @@ LEVEL_CHANGES: Mapping[str, tuple[str, str]] = {
 
 
 def zone_symbol(colour: str, *, hatched: bool = False) -> Symbol:
-    """The sign of a zone: filled, or striped on white if hatched."""
+    """Return the sign of a zone: filled, or striped on white if hatched."""
     if not hatched:
         return replace(_ZONE, colour=colour)
     return replace(
@@ -35,7 +35,7 @@ def zone_symbol(colour: str, *, hatched: bool = False) -> Symbol:
 
 
 def hazard_level_style(column: str, levels: Sequence[HazardLevel]) -> VectorStyle:
-    """Zones in the colours of their hazard level, the most severe first in the legend.
+    """Return zones in the colours of their hazard level, the most severe first in the legend.
 
     ``column`` holds the code of the level, as "slight"; ``levels`` are from low to high. Hatched
     levels are stripes on white; a code that is no level is not drawn.
@@ -44,13 +44,13 @@ def hazard_level_style(column: str, levels: Sequence[HazardLevel]) -> VectorStyl
 
 
 def level_change_style(column: str) -> VectorStyle:
-    """Areas by how barriers change their level: the codes of :data:`LEVEL_CHANGES`."""
+    """Return areas by how barriers change their level: the codes of :data:`LEVEL_CHANGES`."""
     changes = LEVEL_CHANGES.items()
     return zone_style(column, [(code, label, colour, False) for code, (label, colour) in changes])
 
 
 def uncertain_style() -> VectorStyle:
-    """Fine black lines over places whose level the sample of blocks does not settle.
+    """Return fine black lines over places whose level the sample of blocks does not settle.
 
     They fall to the right, across the stripes of hatched levels.
     """
@@ -63,12 +63,12 @@ def uncertain_style() -> VectorStyle:
 
 
 def open_limit_style() -> VectorStyle:
-    """A broad line in magenta, which no level has, where a zone is open."""
+    """Return a broad line in magenta, which no level has, where a zone is open."""
     return VectorStyle(Symbol("line", "#d400aa", size_mm=1.2))
 
 
 def zone_style(column: str, entries: Sequence[tuple[str, str, str, bool]]) -> VectorStyle:
-    """One sign per code, listed from the last.
+    """Make one sign per code, listed from the last.
 
     Entries are (code, label, ``#rrggbb``, hatched), from low to high.
     """
@@ -84,7 +84,7 @@ def zone_style(column: str, entries: Sequence[tuple[str, str, str, bool]]) -> Ve
 
 
 def opaque(style: VectorStyle) -> VectorStyle:
-    """The same style, with nothing shining through."""
+    """Return the same style, with nothing shining through."""
     return replace(
         style,
         symbol=replace(style.symbol, opacity=1.0),

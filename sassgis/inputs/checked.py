@@ -28,11 +28,11 @@ class Messages:
     setting: Callable[[Place], Declared | None] = lambda _loc: None
     named_by: str = "name"  # key by which a section with double brackets is called
     #: From a place and the kind of pydantic's error to what would have been accepted, where the
-    #: file has words of its own for it.
+    #: file has other words for it.
     expected: Callable[[Place, str], str | None] = lambda _loc, _kind: None
 
     def of(self, error: ValidationError) -> list[ConfigError]:
-        """All that is wrong."""
+        """List all that is wrong."""
         return [self._one_line(e) for e in error.errors()]
 
     def _one_line(self, error: ErrorDetails) -> ConfigError:
@@ -48,7 +48,7 @@ class Messages:
         return ConfigError(file=self.file, field=field, **parts)
 
     def _section(self, loc: Place, kind: str) -> str | None:
-        """How a section must be written, where it is none."""
+        """Describe how a section must be written, where it is none."""
         name = str(loc[0])
         if kind in ("dict_type", "dataclass_type"):
             return f"[[{name}]]" if name in self.lists else f"a section [{'.'.join(map(str, loc))}]"
@@ -57,7 +57,7 @@ class Messages:
         return None
 
     def _dotted(self, loc: Place) -> str:
-        """Key as the user would look for it: ``blocks[large].axis_1_m``."""
+        """Return the key as the user would look for it: ``blocks[large].axis_1_m``."""
         head, rest = str(loc[0]), list(loc[1:])
         text = head
         if head in self.lists and rest and isinstance(rest[0], int):
@@ -76,7 +76,7 @@ class Messages:
 
 
 def first_of(problems: Sequence[Wrong]) -> Wrong:
-    """The error that says most; it tells how many more there are."""
+    """Return the error that says most; it states how many more there are."""
     # A misspelt key shows up twice, as unknown and as missing: the first says more.
     first = min(problems, key=lambda p: p.problem != "unknown key")
     if len(problems) > 1:

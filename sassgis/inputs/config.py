@@ -96,7 +96,7 @@ LISTS = ("blocks", "stations", "barriers", "objects")
 
 
 def declared_sections() -> dict[str, Mapping[str, Declared]]:
-    """The settings of each section by key; those of an effect under ``effects.<name>``."""
+    """Return the settings of each section by key; those of an effect under ``effects.<name>``."""
     found: dict[str, Mapping[str, Declared]] = {}
     for name, cls in SECTIONS.items():
         if name == "effects":
@@ -120,7 +120,7 @@ _new_table: Any = TypedDict
 
 
 def _table(name: str, fields: Mapping[str, Any], about: str) -> Any:
-    """A type for pydantic: a table with these keys and no others."""
+    """Return a type for pydantic: a table with these keys and no others."""
     table = _new_table(name, dict(fields))
     table.__pydantic_config__ = RULES
     table.__doc__ = about
@@ -131,7 +131,7 @@ EffectTable = tuple[EffectSection, Section | None]
 
 
 def _effect_type(row: Effect) -> Any:
-    """``[effects.<name>]``: the settings of the effect and, for some, where it acts."""
+    """Return ``[effects.<name>]``: the settings of the effect and, for some, where it acts."""
 
     def made(values: dict[str, Any]) -> EffectTable:
         try:
@@ -149,18 +149,18 @@ def _effect_type(row: Effect) -> Any:
 
 
 def _made_of(cls: Any, values: Mapping[str, Any]) -> Any:
-    """A section of those values that are declared for it."""
+    """Return a section of those values that are declared for it."""
     return cls(**{key: value for key, value in values.items() if key in declared(cls)})
 
 
 def first_line(cls: Any) -> str:
-    """What a section is about: the first line of the docstring of its type."""
+    """Return the summary of a section: the first line of the docstring of its type."""
     return (cls.__doc__ or "").splitlines()[0]
 
 
 @cache
 def _document() -> TypeAdapter[dict[str, Any]]:
-    """The whole file, section by section."""
+    """Return the whole file, section by section."""
     kinds: dict[str, Any] = {}
     for name, cls in SECTIONS.items():
         own: Any = cls
@@ -221,7 +221,7 @@ def load_config(path: str | PathLike[str], overrides: Mapping[str, object] | Non
 
 
 def configure(**sections: Any) -> Config:
-    """A configuration made by a program: the sections and keys of the file, as keywords.
+    """Return a configuration made by a program: the sections and keys of the file, as keywords.
 
     Parameters
     ----------
@@ -266,7 +266,7 @@ def configure(**sections: Any) -> Config:
 
 
 def _plain_section(name: str, value: Any) -> Any:
-    """A section as a file has it: plain values, and inputs that may be in memory."""
+    """Return a section as a file has it: plain values, and inputs that may be in memory."""
     # What reads frames takes long to load.
     from sassgis.inputs.in_memory import as_input
 
@@ -284,7 +284,7 @@ def _plain_section(name: str, value: Any) -> Any:
 
 
 def _plain_value(value: Any) -> Any:
-    """Numbers and lists without numpy's types."""
+    """Return numbers and lists without numpy's types."""
     if isinstance(value, np.generic | np.ndarray):
         return value.tolist()
     if isinstance(value, list | tuple):
@@ -293,7 +293,7 @@ def _plain_value(value: Any) -> Any:
 
 
 def _config_of(document: dict[str, Any], file: Path | None, base: Path) -> Config:
-    """The configuration of a document, checked; ``file`` is None where a program made it."""
+    """Return the configuration of a document, checked; ``file`` is None where a program made it."""
     for section in _GONE.keys() & document.keys():
         raise ConfigError(
             "is no section any more", file=file, field=section, found=f"[{section}]",
@@ -325,7 +325,7 @@ def _config(
     file: Path | None,
     notes: list[str],
 ) -> Config:
-    """The configuration from its sections."""
+    """Return the configuration from its sections."""
     # The effects that are on, in the order of the registry.
     effects: dict[str, EffectTable] = {
         name: sections["effects"][name] for name in EFFECTS if name in sections["effects"]
@@ -364,7 +364,7 @@ def _with_new_names(document: dict[str, Any], file: Path | None) -> list[str]:
 
 
 def profile_control_lines(config: Config) -> list[tuple[ControlLine, float]]:
-    """Stations and barriers of a profile run with their chainage (m)."""
+    """Return stations and barriers of a profile run with their chainage (m)."""
     control_lines: list[tuple[ControlLine, float]] = []
     for section, items in (("stations", config.stations), ("barriers", config.barriers)):
         for item in items:
@@ -379,14 +379,14 @@ def profile_control_lines(config: Config) -> list[tuple[ControlLine, float]]:
 
 
 def control_line_of(item: StationSettings, name: str) -> ControlLine:
-    """A station or barrier under a name."""
+    """Return a station or barrier under a name."""
     if isinstance(item, BarrierSettings):
         return item.control_line(name)
     return ControlLine(name, "station")
 
 
 def resolved(config: Config) -> dict[str, Any]:
-    """Every setting with defaults filled in, as plain JSON values."""
+    """Return every setting with defaults filled in, as plain JSON values."""
     plain: dict[str, Any] = {}
     for section in SECTIONS:
         value = getattr(config, section)
@@ -402,7 +402,7 @@ def resolved(config: Config) -> dict[str, Any]:
 
 
 def as_named(config: Config) -> dict[str, Any]:
-    """As ``resolved``, with files as they are named from the folder of the configuration."""
+    """Return ``resolved`` with files as they are named from the folder of the configuration."""
     plain = resolved(config)
     if is_preset_file(plain["hazard"]["preset"]):
         plain["hazard"]["preset"] = seen_from(config.base, Path(plain["hazard"]["preset"]))
@@ -411,7 +411,7 @@ def as_named(config: Config) -> dict[str, Any]:
 
 
 def _with_files(node: Any, told: Callable[[str], str]) -> Any:
-    """Plain settings with what is told in place of the paths of files."""
+    """Return plain settings with other words in place of the paths of files."""
     if isinstance(node, dict):
         return {
             key: told(own)
@@ -423,7 +423,7 @@ def _with_files(node: Any, told: Callable[[str], str]) -> Any:
 
 
 def _plain_effect(row: Effect, config: Config) -> dict[str, Any] | None:
-    """Settings of an effect, and of where it acts; None if it is off."""
+    """Return settings of an effect, and of where it acts; None if it is off."""
     settings = config.effects.named(row.name)
     if settings is None:
         return None
@@ -432,7 +432,7 @@ def _plain_effect(row: Effect, config: Config) -> dict[str, Any] | None:
 
 
 def _plain(item: Any) -> dict[str, Any]:
-    """Values as JSON has them."""
+    """Return values as JSON has them."""
     fields = [field.name for field in dataclasses.fields(item)]
     names = declared(type(item)) if isinstance(item, Section) else fields
     plain: dict[str, Any] = json.loads(
@@ -442,7 +442,7 @@ def _plain(item: Any) -> dict[str, Any]:
 
 
 def _as_text(value: object) -> str:
-    """A path as it stands; an input in memory by what it holds."""
+    """Return a path as it stands; an input in memory by what it holds."""
     return f"{_IN_MEMORY}{value.digest}" if isinstance(value, InMemory) else str(value)
 
 
@@ -455,7 +455,9 @@ PHYSICS_SECTIONS = (
 
 
 def settings_hash(config: Config, *, sections: Iterable[str] = PHYSICS_SECTIONS) -> str:
-    """Fingerprint of a run: equal if and only if the settings and the files they name are equal.
+    """Return the fingerprint of a run.
+
+    It is equal if and only if the settings and the files they name are equal.
 
     Files count by what they hold, and not by where they are. The number of jobs does not count,
     nor that of draws of the ground classes: the blocks of the run itself are the same. It has 64
@@ -479,7 +481,7 @@ _PATH_KEYS = frozenset(key for keys in FILE_KEYS.values() for key in keys)
 
 
 def _cross_checks(sections: Mapping[str, Any], file: Path | None) -> list[ConfigError]:
-    """What no section can see by itself."""
+    """Check what no section can see by itself."""
     wrong = partial(ConfigError, file=file)
     problems: list[ConfigError] = []
     if "profile" not in sections:
@@ -519,7 +521,7 @@ def _population(block: BlockSettings) -> BlockPopulation:
 
 
 def _onset(block: BlockSettings) -> Onset:
-    """Frequency of a block scenario; the power law gives the share between its volumes."""
+    """Return frequency of a block scenario; the power law gives the share between its volumes."""
     share = 1.0
     if block.onset_above_m3 is not None:
         assert block.volume_m3 is not None and block.volume_exponent is not None
@@ -529,7 +531,7 @@ def _onset(block: BlockSettings) -> Onset:
 
 
 def _keys_at(loc: Place) -> Mapping[str, Declared]:
-    """Keys that are known where a key is."""
+    """Return keys that are known where a key is."""
     name = str(loc[0])
     if name != "effects":
         return declared(SECTIONS[name]) if len(loc) > 1 else {}
@@ -542,7 +544,7 @@ def _setting(loc: Place) -> Declared | None:
 
 
 def _nearest(loc: Place) -> str:
-    """The known key that an unknown one was probably meant to be."""
+    """Return the known key that an unknown one was probably meant to be."""
     key = str(loc[-1])
     known: list[str] = list(SECTIONS if len(loc) == 1 else _keys_at(loc))
     if len(loc) == 2 and loc[0] == "effects":

@@ -34,7 +34,7 @@ class CsvColumn:
     what: str = ""  # what a name in it is of, for messages; default: that of the column
 
     def value(self, cell: object, where: str, name: str, file: Input) -> Any:
-        """What a cell holds; InputError with the row and the column if that cannot be."""
+        """Return the value of a cell; InputError with the row and the column if that cannot be."""
         wrong = partial(InputError, file=file, field=name, found=repr(cell))
         if self.default is not None and (cell is None or cell == ""):
             return self.default
@@ -64,7 +64,7 @@ Columns = Mapping[str, CsvColumn]
 def read_table(
     file: Input, field: str | None, what: str, columns: Columns
 ) -> Iterator[tuple[str, dict[str, Any]]]:
-    """Rows of a CSV file with the columns that are declared and no others.
+    """Yield rows of a CSV file with the columns that are declared and no others.
 
     Each comes with its place, as "row 3", counted with the header. For messages, ``field`` is the
     key of the configuration that names the file, and ``what`` says what the file should be.
@@ -76,14 +76,14 @@ def read_table(
 def row_of(
     cells: Mapping[str, object], columns: Columns, where: str, file: Input
 ) -> dict[str, Any]:
-    """Values of a row as its columns declare them."""
+    """Return values of a row as its columns declare them."""
     return {
         name: column.value(cells.get(name), where, name, file) for name, column in columns.items()
     }
 
 
 def csv_rows(text: str, file: Input, columns: Columns) -> Iterator[tuple[str, dict[str, str]]]:
-    """The rows of read_table, whose cells are still text; ``file`` is where the text is from."""
+    """Yield rows of read_table, whose cells are still text; ``file`` is where the text is from."""
     header, delimiter, lines = csv_cells(text, file)
     check_columns(header, columns, file, "row 1")
     for line, cells in lines:
@@ -101,7 +101,7 @@ def csv_rows(text: str, file: Input, columns: Columns) -> Iterator[tuple[str, di
 
 
 def csv_cells(text: str, file: Input) -> tuple[list[str], str, Iterator[tuple[int, list[str]]]]:
-    """Cells of a CSV text as they stand: columns, delimiter, rows.
+    """Return cells of a CSV text as they stand: columns, delimiter, rows.
 
     The columns are those of the first line, the delimiter is "," or ";": what it has more of. A row
     is the number of its line, and its cells; empty lines are left out. InputError, also while the
@@ -151,7 +151,7 @@ def check_columns(header: Sequence[str], columns: Columns, file: Input, where: s
 
 @contextmanager
 def errors_of_row(where: str, file: Input) -> Iterator[None]:
-    """Name row and file in the InputError of a class that checks its own values."""
+    """Name row and file in the InputError of a class that checks its values."""
     try:
         yield
     except InputError as error:

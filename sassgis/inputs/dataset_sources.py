@@ -1,4 +1,4 @@
-"""What zones are made of, from the dataset of a simulation."""
+"""Sources of zones, from the dataset of a simulation."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ _FROM = "a dataset of sassgis.simulate"
 
 
 def dataset_grid(maps: xr.Dataset) -> Grid:
-    """The grid of the maps, with the heights of the terrain.
+    """Return the grid of the maps, with the heights of the terrain.
 
     InputError if the dataset is none of a simulation.
     """
@@ -46,7 +46,7 @@ def dataset_grid(maps: xr.Dataset) -> Grid:
 
 
 def dataset_sources(maps: xr.Dataset, preset: HazardPreset) -> tuple[list[Sampled], FloatArray]:
-    """The sources with their counts, and the energies of these (kJ).
+    """Return the sources with their counts, and the energies of these (kJ).
 
     InputError if nothing was counted for zones, or not at the thresholds of the preset, or a source
     has no onset frequency.

@@ -1,4 +1,4 @@
-"""What the files of a site, and their user, say about the configuration that reads them."""
+"""Defaults of a configuration from the files of a site and from their user."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from sassgis.inputs.site_layers import SiteLayer, site_layers
 from sassgis.inputs.tiles import open_terrain
 from sassgis.inputs.vector_features import open_layer, with_shapes, without_shapes
 
-#: Keys with their values by section; sections with double brackets are not told apart, as there is
+#: Keys with their values by section; sections with double brackets are not separate, as there is
 #: one entry at most for each layer of a site.
 StartKeys = list[tuple[str, dict[str, object]]]
 
@@ -31,7 +31,7 @@ _RELEASE_LAYERS = ("release_areas", "release")
 
 
 def start_keys(folder: Path, dem: Path | None, release: Path | None) -> StartKeys:
-    """The keys that the files of a site decide.
+    """Return the keys that the files of a site decide.
 
     Paths are written as seen from the folder of the configuration. ``release`` holds release areas;
     or it is a GeoPackage of ``sassgis new``, of which every layer with features is used.
@@ -69,7 +69,7 @@ def start_keys(folder: Path, dem: Path | None, release: Path | None) -> StartKey
 
 
 def with_values(given: StartKeys, assignments: Sequence[str]) -> StartKeys:
-    """Keys that the user sets, in place of or besides those that the files decide.
+    """Return keys that the user sets, in place of or besides those that the files decide.
 
     An assignment is ``section.key=value``; the value is TOML, or a text without quotes. Of a
     section with double brackets also all of them: ``blocks=[{name="a", volume_m3=1}, {...}]``.
@@ -96,8 +96,10 @@ def with_values(given: StartKeys, assignments: Sequence[str]) -> StartKeys:
 
 
 def with_system(given: StartKeys, dem: Path | None, release: Path | None) -> StartKeys:
-    """The keys, checked to lie in one place; with the system of the release areas if only they
-    state one. InputError if the terrain model has none that can be used, or they are not on it.
+    """Check that the keys lie in one place, and add the coordinate system.
+
+    It is that of the release areas if only they state one. InputError if the terrain model has none
+    that can be used, or they are not on it.
     """
     if dem is None:
         return given
@@ -123,7 +125,7 @@ def with_system(given: StartKeys, dem: Path | None, release: Path | None) -> Sta
 
 
 def outline_of(dem: Path, terrain: Mapping[str, object]) -> Grid:
-    """A terrain model without its heights; ``terrain`` are keys of its section."""
+    """Return a terrain model without its heights; ``terrain`` are keys of its section."""
     crs, override = terrain.get("crs"), bool(terrain.get("override_crs", False))
     return open_terrain(dem, None if crs is None else str(crs), None, override).outline()
 
@@ -137,7 +139,7 @@ def _toml(text: str) -> object:
 
 
 def _keys_of(own: SiteLayer, file: Path, place: str) -> dict[str, object]:
-    """The section for a layer of a site: attributes count where one feature has a value."""
+    """Return the section for a layer of a site: attributes count where one feature has a value."""
     keys: dict[str, object] = dict(own.fixed)
     keys |= {"file": place, "layer": own.name}
     table = _table(file, own.name)
@@ -155,13 +157,13 @@ def _texts(column: Any) -> list[str]:
 
 
 def _names(column: Any) -> bool:
-    """Whether every feature has a name of its own."""
+    """Return whether every feature has a separate name."""
     texts = _texts(column)
     return bool(texts) and len(set(texts)) == len(texts) == len(column)
 
 
 def _layers(file: Path) -> list[str]:
-    """Layers with geometry."""
+    """Return layers with geometry."""
     with vector_file(file, "--release"):
         names = [name for name, kind in layers_of(file).items() if kind is not None]
     if not names:
@@ -178,5 +180,5 @@ def _table(file: Path, layer: str) -> Any:
 
 
 def seen_from_folder(folder: Path, file: Path) -> str:
-    """A file as it is named from the folder of a configuration."""
+    """Return a file as it is named from the folder of a configuration."""
     return seen_from(folder.resolve(), file.resolve())

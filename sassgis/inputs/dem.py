@@ -85,14 +85,14 @@ def describe_dem(
     vertical_datum: str | None = None,
     override_crs: bool = False,
 ) -> DemFile:
-    """What a terrain model is, without its heights; parameters and errors are those of read_dem."""
+    """Describe a terrain model without its heights; parameters and errors as in read_dem."""
     file = named(path)
     with open_raster(file, "terrain.dem") as dataset:
         return _described(dataset, file, crs, vertical_datum, override_crs)
 
 
 def read_dem_part(dem: DemFile, rows: slice, cols: slice) -> FloatArray:
-    """Heights (m) of some rows and columns of a raster with square cells and north up.
+    """Return heights (m) of some rows and columns of a raster with square cells and north up.
 
     They are float64 of shape (n_rows, n_cols), NaN for nodata.
     """
@@ -207,7 +207,7 @@ def _reason(error: Exception, file: Input) -> str:
 
 
 def height_band(dataset: Any, file: Input) -> int:
-    """Number of the one band with heights; a transparency band beside it does no harm."""
+    """Return number of the one band with heights; a transparency band next to it does no harm."""
     wrong = partial(InputError, file=file)
     bands = _opaque_bands(dataset)
     if dataset.count == 0:
@@ -225,12 +225,14 @@ def height_band(dataset: Any, file: Input) -> int:
 
 
 def _opaque_bands(dataset: Any) -> list[int]:
-    """Numbers of the bands that state no transparency."""
+    """Return numbers of the bands that state no transparency."""
     return [i for i, kind in enumerate(dataset.colorinterp, start=1) if kind != ColorInterp.alpha]
 
 
 def only_band(dataset: Any, file: Input, field: str, wanted: str) -> int:
-    """Number of the one band of a raster on the map; a transparency band beside it does no harm.
+    """Return the number of the one band of a raster on the map.
+
+    A transparency band next to it does no harm.
 
     ``wanted`` says what the band should hold, for messages.
     """
@@ -272,7 +274,7 @@ def _outer_bounds(transform: Affine, shape: tuple[int, int]) -> tuple[float, flo
 
 
 def _height_unit(dataset: Any, band: int, file: Input, vertical_unit: float) -> float:
-    """Metres per unit of the band: what the band states counts before the height system."""
+    """Return metres per unit of the band: what the band states counts before the height system."""
     stated = (dataset.units[band - 1] or "").strip().lower()
     if stated not in METRES:
         raise InputError(
@@ -286,7 +288,7 @@ def _height_unit(dataset: Any, band: int, file: Input, vertical_unit: float) -> 
 
 
 def read_band(dataset: Any, band: int, file: Input, part: Window | None = None) -> Any:
-    """A band as stored, masked where it is nodata or transparent."""
+    """Return a band as stored, masked where it is nodata or transparent."""
     try:
         raw = dataset.read(band, masked=True, window=part)
         # GDAL takes transparency for a mask only where it is stored as bytes.
@@ -302,7 +304,7 @@ def read_band(dataset: Any, band: int, file: Input, part: Window | None = None) 
 
 
 def _heights(dataset: Any, dem: DemFile, part: Window | None = None) -> FloatArray:
-    """Heights in metres in the order of the file; NaN for nodata."""
+    """Return heights in metres in the order of the file; NaN for nodata."""
     file, band = dem.file, dem.band
     unit = _height_unit(dataset, band, file, dem.vertical_unit)
     raw = read_band(dataset, band, file, part)
@@ -356,7 +358,7 @@ def _heights(dataset: Any, dem: DemFile, part: Window | None = None) -> FloatArr
 
 
 def few_values(values: FloatArray) -> list[float]:
-    """The numbers of a raster, if they are whole and so few that they are codes of classes."""
+    """Return numbers of a raster, if they are whole and so few that they are codes of classes."""
     kinds: list[float] = []
     cells = 0
     for row in values[:: max(1, values.shape[0] // _LOOKED_AT)]:
@@ -371,7 +373,7 @@ def few_values(values: FloatArray) -> list[float]:
 
 
 def lone_zeros(values: FloatArray) -> BoolArray:
-    """Cells of exactly 0, which often means nodata, where all others lie far above."""
+    """Return cells of exactly 0, which often means nodata, where all others lie far above."""
     zero: BoolArray = values == 0.0
     if zero.any():
         others = values[np.isfinite(values) & ~zero]
@@ -380,7 +382,7 @@ def lone_zeros(values: FloatArray) -> BoolArray:
 
 
 def _place(cells: BoolArray, part: Window | None) -> str:
-    """Where the first of some cells of a part lies in the whole."""
+    """Find the position in the whole of the first of some cells of a part."""
     row, col = np.argwhere(cells)[0] + 1
     if part is not None:
         row, col = row + int(part.row_off), col + int(part.col_off)
@@ -390,7 +392,7 @@ def _place(cells: BoolArray, part: Window | None) -> str:
 def burnt(
     shapes: Sequence[tuple[Any, float]], grid: Grid, fill: float, kind: Any, touched: bool = False
 ) -> NDArray[Any]:
-    """Values of geometries on the cells whose centre they cover, or all that they touch.
+    """Return values of geometries on the cells whose centre they cover, or all that they touch.
 
     Where several cover a cell, the last one counts; where none does, ``fill``.
     """
@@ -469,12 +471,12 @@ def resample(
 
 
 def affine_of(grid: Grid) -> Affine:
-    """From columns and rows of a grid to coordinates."""
+    """Return the transform from columns and rows of a grid to coordinates."""
     return Affine(grid.cell_size, 0.0, grid.west, 0.0, -grid.cell_size, grid.north)
 
 
 def system_of(grid: Grid, own: pyproj.CRS, file: Input, field: str) -> pyproj.CRS:
-    """System of the DEM; InputError if it has none, while a file has its ``own``."""
+    """Return the system of the DEM; InputError if it has none, while a file has its ``own``."""
     if not grid.crs:
         raise InputError(
             "has a coordinate system, yet the DEM is in local coordinates", file=file, field=field,
@@ -486,9 +488,9 @@ def system_of(grid: Grid, own: pyproj.CRS, file: Input, field: str) -> pyproj.CR
 def on_cells(
     file: Input, grid: Grid, field: str, read: Callable[[Any], NDArray[Any]], nodata: float
 ) -> NDArray[Any]:
-    """Values of a raster on the cells of the DEM: those of its nearest cell.
+    """Return values of a raster on the cells of the DEM: those of its nearest cell.
 
-    ``read`` takes the open raster; ``nodata`` means no value, in what it gives and in the result.
+    ``read`` takes the open raster; ``nodata`` means no value, in what it returns and in the result.
     """
     with open_raster(file, field) as dataset:
         values, transform = read(dataset), dataset.transform
@@ -499,7 +501,7 @@ def on_cells(
 
 
 def _pair_of_systems(dataset: Any, grid: Grid, file: Input, field: str) -> tuple[str, str]:
-    """Coordinate systems of a raster and of the DEM, as ``resample`` takes them."""
+    """Return coordinate systems of a raster and of the DEM, as ``resample`` takes them."""
     if not dataset.crs:
         log.info("%s: states no coordinate system: taken to be that of the DEM", file)
         return _ONE_SYSTEM
@@ -519,7 +521,7 @@ BASE_MAP_KEY = f"raster_{_STEM}"
 
 
 def read_base_map(file: Path | None, grid: Grid) -> RasterLayer | None:
-    """How a base map is shown: in colours, by its palette, or in grey; None without a file.
+    """Read how a base map is shown: in colours, by its palette, or in grey; None without a file.
 
     InputError if it cannot be read, or is in other coordinates than the terrain model.
     """

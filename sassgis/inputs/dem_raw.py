@@ -54,7 +54,7 @@ class RawDem:
     gaps: str = ""  # where tiles are missing, in words; empty if nowhere
 
     def place(self, row: int, col: int) -> tuple[float, float]:
-        """X and y of the centre of a cell."""
+        """Return x and y of the centre of a cell."""
         return (
             self.corner[0] + (col + 0.5) * self.cell[0],
             self.corner[1] - (row + 0.5) * self.cell[1],
@@ -103,7 +103,7 @@ def read_raw_dem(path: Path, crs: str | None = None, override_crs: bool = False)
 
 
 def _heights(dataset: Any, band: int, file: Path, factor: float) -> tuple[FloatArray, int]:
-    """Heights (m), and how many cells hold none that can be meant."""
+    """Return heights (m), and how many cells hold none that can be meant."""
     raw = read_band(dataset, band, file)
     values = np.array(raw.data, dtype=np.float64)
     values[np.ma.getmaskarray(raw)] = np.nan
@@ -118,7 +118,10 @@ def _heights(dataset: Any, band: int, file: Path, factor: float) -> tuple[FloatA
 
 
 def _cell_sizes(dataset: Any, wkt: str) -> tuple[float, float, float, float, bool]:
-    """Width and height of a cell in metres and in the coordinates of the file; whether known."""
+    """Return the width and height of a cell in metres and in the coordinates of the file.
+
+    The last value is whether they are known.
+    """
     t = dataset.transform
     width, height = math.hypot(t.a, t.d), math.hypot(t.b, t.e)
     system = None

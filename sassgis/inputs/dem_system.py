@@ -36,7 +36,7 @@ def dem_system(
     bounds: tuple[float, float, float, float],
     override: bool = False,
 ) -> tuple[pyproj.CRS | None, str, float]:
-    """Horizontal system (None: local), name of the height system, metres per unit of height."""
+    """Return horizontal system (None: local), height system's name, metres per unit of height."""
     wrong = partial(InputError, file=file, field="terrain.crs")
     local = configured is not None and configured.strip().lower() == "local"
     stated = None if override else _stated_crs(dataset, file)
@@ -69,17 +69,17 @@ def dem_system(
 
 
 def extent_text(west: float, south: float, east: float, north: float) -> str:
-    """An extent in words."""
+    """Return an extent in words."""
     return f"x {west:.10g} to {east:.10g}, y {south:.10g} to {north:.10g}"
 
 
 def beyond_degrees(west: float, south: float, east: float, north: float) -> bool:
-    """Whether coordinates cannot be longitudes and latitudes."""
+    """Return whether coordinates cannot be longitudes and latitudes."""
     return max(abs(west), abs(east)) > 360.0 or max(abs(south), abs(north)) > 90.0
 
 
 def in_options(text: str) -> str:
-    """What a message says of settings, said of the options of commands without a configuration."""
+    """Word a message about settings for the options of commands without a configuration."""
     for setting, option in _AS_OPTIONS.items():
         text = text.replace(setting, option)
     return text
@@ -143,7 +143,7 @@ def _utm(lon: float, lat: float) -> int:
 
 
 def _check_place(plane: pyproj.CRS, file: Input, x: float, y: float, extent: str) -> None:
-    """Coordinates must belong to the system, and its metres must be metres on the ground."""
+    """Check that coordinates belong to the system, and that its metres are metres on the ground."""
     wrong = partial(InputError, file=file, field="terrain.crs")
     base = plane.source_crs if plane.is_bound and plane.source_crs is not None else plane
     try:
@@ -184,7 +184,7 @@ def _check_place(plane: pyproj.CRS, file: Input, x: float, y: float, extent: str
 
 
 def _area_of_use(crs: pyproj.CRS) -> Any:
-    """Area of use; files do not carry it, but their codes lead to it."""
+    """Return the area of use; files do not carry it, but their codes lead to it."""
     code = crs.to_epsg()
     return crs.area_of_use or (None if code is None else pyproj.CRS.from_epsg(code).area_of_use)
 

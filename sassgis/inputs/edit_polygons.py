@@ -51,9 +51,9 @@ _DEFAULTS = {
 
 
 def edit_fields(codes: Sequence[str], in_result: bool) -> dict[str, FieldInfo]:
-    """Columns of a layer of edits; ``codes`` of the levels are from low to high.
+    """Return columns of a layer of edits; ``codes`` of the levels are from low to high.
 
-    A layer ``in_result`` lies beside the zones of a result, and says what was computed.
+    A layer ``in_result`` lies next to the zones of a result, and says what was computed.
     """
     rows = descriptions()["edits"]
     choices = {"level": (NO_LEVEL, *codes), "limit": ("at_least", "at_most")}
@@ -131,7 +131,7 @@ def _edit(feature: Feature, codes: Sequence[str], grid: Grid) -> Edit:
 
 
 def with_earlier(edits: Sequence[Edit], folder: Path) -> tuple[Edit, ...]:
-    """Edits that do not say what was computed below them, with what an earlier result says of them.
+    """Complete edits that lack what was computed below them from an earlier result.
 
     ``folder`` is that of the result that is replaced; it may not exist.
     """
@@ -147,6 +147,6 @@ def with_earlier(edits: Sequence[Edit], folder: Path) -> tuple[Edit, ...]:
 
 
 def _key(geometry: Any, day: object, reason: str) -> tuple[bytes, str, str]:
-    """What tells an edit from all others."""
+    """Return the key by which an edit differs from all others."""
     parts = shapely.multipolygons(shapely.get_parts(geometry))
     return bytes(shapely.to_wkb(shapely.normalize(parts))), str(day)[:10], reason

@@ -30,7 +30,7 @@ _TREES = "a CSV table with columns x, y, dbh_cm and, if wanted, conifer_share; o
 def read_forest(
     trees: ForestPlace, grid: Grid, whole: Grid | None = None
 ) -> tuple[FloatArray, FloatArray]:
-    """Stems per m² and diameter (m) of each cell: float64, shape (n_rows * n_cols,).
+    """Return stems per m² and diameter (m) of each cell: float64, shape (n_rows * n_cols,).
 
     Both are 0 where no forest stands. What the files hold must meet the ``whole`` terrain model of
     which the grid is a part.
@@ -75,7 +75,7 @@ def _from_polygons(
 
 
 def _from_raster(file: Input, grid: Grid, key: str, may_miss: bool) -> FloatArray:
-    """Values at the nearest cell; 0 where the raster has none."""
+    """Return values at the nearest cell; 0 where the raster has none."""
     field = f"effects.trees.{key}"
 
     def read(raster: Any) -> FloatArray:
@@ -104,8 +104,9 @@ def _from_raster(file: Input, grid: Grid, key: str, may_miss: bool) -> FloatArra
 
 
 def _from_trees(file: Input, grid: Grid, whole: Grid) -> tuple[FloatArray, FloatArray]:
-    """Stems per hectare within TREES_WITHIN_M of each cell, and the diameter (cm) of a fir that
-    takes as much energy as one of them on average.
+    """Count the stems per hectare within TREES_WITHIN_M of each cell, and find their diameter.
+
+    The diameter (cm) is that of a fir that takes as much energy as one of them on average.
     """
     x, y, dbh_cm, conifers = _trees_of(file, whole)
     if not (whole.cell_of(x, y) >= 0).any():
@@ -142,7 +143,7 @@ def _from_trees(file: Input, grid: Grid, whole: Grid) -> tuple[FloatArray, Float
 
 
 def _trees_of(file: Input, grid: Grid) -> tuple[FloatArray, ...]:
-    """X, y, diameter (cm) and share of conifers (NaN: not stated) of each tree."""
+    """Return x, y, diameter (cm) and share of conifers (NaN: not stated) of each tree."""
     key = "effects.trees"
     is_table = isinstance(file, InMemory) and file.kind == "table"
     if is_table or file.suffix.lower() in (".csv", ".txt"):

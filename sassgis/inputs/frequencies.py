@@ -85,7 +85,7 @@ def read_block_survey(file: Path) -> tuple[BlockSurvey, tuple[str, ...]]:
 
 
 def _at_least(column: str, least: float, row: Mapping[str, str], where: str, file: Path) -> float:
-    """A volume above a least one, which is none itself, or a count."""
+    """Return a volume above a least one, which is none itself, or a count."""
     found = number(row[column], where, column, file)
     if found < least or (column != "count" and found <= 0.0):
         raise InputError(

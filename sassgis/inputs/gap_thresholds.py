@@ -1,4 +1,4 @@
-"""What was chosen for the diagnosis, frozen in a file."""
+"""Thresholds chosen for the diagnosis, frozen in a file."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ THRESHOLDS = Path(str(files("sassgis").joinpath("data/gap_thresholds.json")))
 
 
 def read_thresholds(file: Path | None = None) -> dict[str, Any]:
-    """The frozen thresholds of the diagnosis; InputError if their file cannot be read.
+    """Return the frozen thresholds of the diagnosis; InputError if their file cannot be read.
 
     It must have the list ``battery_seeds``: the batteries that were looked at while they were
     chosen.
@@ -37,13 +37,13 @@ def read_thresholds(file: Path | None = None) -> dict[str, Any]:
 
 
 def thresholds_of(content: dict[str, Any]) -> Thresholds:
-    """The thresholds in the content of their file; what it does not name keeps its default."""
+    """Return thresholds in the content of their file; what it does not name keeps its default."""
     names = {field.name for field in fields(Thresholds)}
     return Thresholds(**{k: v for k, v in content.items() if k in names})
 
 
 def cause_weights_of(content: dict[str, Any]) -> CauseWeights:
-    """The weights in the content of their file; InputError if they are missing or no weights."""
+    """Return weights in the content of their file; InputError if they are missing or no weights."""
     try:
         return weights_of(content["weights"])
     except (KeyError, TypeError, ValueError) as error:

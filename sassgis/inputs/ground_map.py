@@ -43,7 +43,7 @@ _BUILT_IN = {"hazard": "ground_classes.csv", "1986": "ground_classes_1986.csv"}
 
 
 def built_in_table(readings: str = "hazard") -> GroundTable:
-    """The ground classes that come with sassgis; ``source`` says what was read and what chosen.
+    """Return ground classes that come with sassgis; ``source`` says what was read and what chosen.
 
     ``readings`` is the named set of readings of the engine.
     """
@@ -54,7 +54,7 @@ def built_in_table(readings: str = "hazard") -> GroundTable:
 def read_ground_table(path: AnyInput | None = None, readings: str = "hazard") -> GroundTable:
     """Read the ground classes of a run.
 
-    The user's own table, CSV or TOML (``[[classes]]``), has the columns name, eta_max, dp_min,
+    The user's table, CSV or TOML (``[[classes]]``), has the columns name, eta_max, dp_min,
     dp_max, mu_f, mu_0, k, d_star_m, restitution, restitution_speed_mps, rolling_threshold and, if
     wanted, speed_loss, source and trust. A class of a built-in name replaces that one; others are
     added. ``readings`` are those of built_in_table.
@@ -74,7 +74,7 @@ def read_ground_table(path: AnyInput | None = None, readings: str = "hazard") ->
 
 
 def _columns(file: Input) -> dict[str, CsvColumn]:
-    """Columns of a table of classes; values of which nothing else is said are estimates."""
+    """Return columns of a table of classes; values of which nothing else is said are estimates."""
     return {
         "name": CsvColumn(),
         **{parameter: CsvColumn(float) for parameter in PARAMETERS},
@@ -118,7 +118,7 @@ def _toml_rows(text: str, file: Input) -> Iterator[tuple[str, dict[str, Any]]]:
 
 
 def read_ranges(table: GroundTable, own: Input | None = None) -> tuple[RangeRule, ...]:
-    """Rules of the built-in table, and after them those of the user's own.
+    """Return rules of the built-in table, and after them those of the user.
 
     That may name the classes of ``table``. It is a CSV with the columns class (``*`` for every
     other class), parameter, kind (value, offset, factor), low, high and, if wanted, source,
@@ -158,7 +158,9 @@ def _read_rules(file: Input, table: GroundTable | None) -> tuple[RangeRule, ...]
 def ground_raster(
     ground: GroundSettings, grid: Grid, table: GroundTable, whole: Grid | None = None
 ) -> NDArray[np.int32]:
-    """Ground class of each cell of the DEM, as position in the table; int32, shape of the grid.
+    """Return ground class of each cell of the DEM, as position in the table.
+
+    The array is int32, of the shape of the grid.
 
     A cell takes the class of the polygon over its centre (polygon_of_cells). A raster of codes is
     aligned by the nearest cell. Where nothing is said, the default class. What the file holds must
@@ -173,7 +175,7 @@ def ground_raster(
 
 
 def default_class(ground: GroundSettings, table: GroundTable) -> int:
-    """Position of the default class; InputError if the table does not hold it."""
+    """Return the position of the default class; InputError if the table does not hold it."""
     place = ground.config_file, "ground.default"
     return _class_index(ground.default, table, "default class", *place)
 
@@ -207,7 +209,7 @@ def _from_polygons(
 
 
 def _is_raster(file: Input) -> bool:
-    """Whether a file holds a raster (a GeoPackage may hold both: then its layers count)."""
+    """Return whether a file holds a raster (a GeoPackage may hold both: then its layers count)."""
     if isinstance(file, InMemory):
         return file.kind == "raster"
     if file.suffix.lower() == ".gpkg":
@@ -254,7 +256,7 @@ def _from_codes(
 
 
 def _codes(dataset: Any, file: Input) -> NDArray[np.int32]:
-    """Codes as whole numbers; nodata as a number that no code can have."""
+    """Return codes as whole numbers; nodata as a number that no code can have."""
     raw = read_band(dataset, only_band(dataset, file, "ground.file", "codes"), file)
     values = np.asarray(raw.data, dtype=np.float64)
     known = ~np.ma.getmaskarray(raw) & ~np.isnan(values)

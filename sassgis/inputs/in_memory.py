@@ -1,4 +1,4 @@
-"""What Python programs hand over in place of files: arrays with a place, frames, tables."""
+"""Inputs of Python programs in place of files: arrays with a place, frames, tables."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ _WANTED = (
 
 
 def as_input(value: object, name: str) -> Input:
-    """The input that a value is: a path stays one, what is in memory gets a name and a digest.
+    """Return input that a value is: a path stays one, what is in memory gets a name and a digest.
 
     Parameters
     ----------
@@ -63,7 +63,7 @@ def as_input(value: object, name: str) -> Input:
         return _table(value, name)
     if isinstance(value, Grid):
         return _raster(value.values, affine_of(value), value.crs or None, None, name)
-    # Known by its name, so that xarray is loaded by those alone who use it.
+    # Known by its name, so that xarray is loaded only by those who use it.
     if type(value).__name__ == "DataArray":
         return _from_data_array(value, name)
     if isinstance(value, Sequence) and value and all(isinstance(v, GroundClass) for v in value):
@@ -82,7 +82,7 @@ def as_input(value: object, name: str) -> Input:
 
 
 def classes_frame(classes: Sequence[GroundClass]) -> pd.DataFrame:
-    """Ground classes as the table of ``ground.classes``."""
+    """Return ground classes as the table of ``ground.classes``."""
     columns = ("name", *PARAMETERS, "source", "trust")
     frame = pd.DataFrame({c: [getattr(own, c) for own in classes] for c in columns})
     frame["source"] = frame["source"].replace("", "stated in the program")
@@ -111,7 +111,7 @@ def _table(frame: pd.DataFrame, name: str) -> InMemory:
 
 
 def _from_data_array(array: Any, name: str) -> InMemory:
-    """A DataArray with coordinates x and y, and its system where CF and rioxarray put it."""
+    """Return a DataArray with coordinates x and y, and its system where CF and rioxarray put it."""
     wrong = partial(InputError, field=name)
     squeezed = array.squeeze(drop=True)
     if squeezed.ndim != 2:
@@ -140,8 +140,9 @@ def _from_data_array(array: Any, name: str) -> InMemory:
 
 
 def _stated_scale(attributes: Mapping[str, Any], name: str) -> tuple[float, float]:
-    """Factor and offset from stored values to true ones, which rioxarray hands on unless told to
-    apply them.
+    """Read factor and offset from stored to true values.
+
+    rioxarray hands them on unless it is set to apply them.
     """
     wrong = partial(InputError, field=name, expected="values opened with mask_and_scale=True")
     if of_bands := [key for key in ("scales", "offsets") if key in attributes]:
@@ -157,7 +158,7 @@ def _stated_scale(attributes: Mapping[str, Any], name: str) -> tuple[float, floa
 
 
 def _even_step(centres: np.ndarray, axis: object, name: str) -> float:
-    """Distance between neighbouring centres of cells."""
+    """Return the distance between neighbouring centres of cells."""
     steps = np.diff(centres)
     if steps.size == 0 or not np.all(np.abs(steps - steps.mean()) <= _UNEVEN * abs(steps.mean())):
         raise InputError(
@@ -175,7 +176,7 @@ def _raster(
     name: str,
     scale: tuple[float, float] = (1.0, 0.0),
 ) -> InMemory:
-    """A raster as the bytes of a GeoTIFF, so that it is read and checked as a file is.
+    """Return a raster as the bytes of a GeoTIFF, so that it is read and checked as a file is.
 
     ``nodata`` is a value as it stands in ``array``, before factor and offset of ``scale``.
     """

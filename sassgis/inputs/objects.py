@@ -41,7 +41,7 @@ _SHAPES: Mapping[str, tuple[str, ...]] = {
 }
 _TRAFFIC = ("traffic_per_day", "speed_kmh", "vehicle_length_m", "persons_per_vehicle")
 _ROAD_USE = (*_TRAFFIC, "vehicle_value", "trips_per_day")
-#: Shorter stretches, in cells, could be left without a cell of their own.
+#: Shorter stretches, in cells, could be left without a separate cell.
 _LEAST_CELLS = 3.0
 #: More stretches than this are a slip in a coordinate.
 _MOST_STRETCHES = 50_000
@@ -83,7 +83,7 @@ def read_objects(settings: ObjectSettings, grid: Grid) -> PlacedObjects:
 
 
 def joined_objects(parts: Sequence[PlacedObjects], file: Input | None = None) -> PlacedObjects:
-    """All objects of a run, in the order of the parts."""
+    """Return all objects of a run, in the order of the parts."""
     _check_names(parts, file)
     return PlacedObjects(
         tuple(o for part in parts for o in part.objects),
@@ -92,7 +92,7 @@ def joined_objects(parts: Sequence[PlacedObjects], file: Input | None = None) ->
 
 
 def _check_names(parts: Sequence[PlacedObjects], file: Input | None) -> None:
-    """Stretches share the name of their road; nothing else shares a name."""
+    """Check that only stretches of one road share a name."""
     names: list[str] = []
     for part in parts:
         names += [o.name for o in part.objects]
@@ -102,12 +102,12 @@ def _check_names(parts: Sequence[PlacedObjects], file: Input | None) -> None:
 
 
 def _key(settings: ObjectSettings) -> str:
-    """How messages call a section."""
+    """Return the name of a section in messages."""
     return f"objects[{settings.name}]"
 
 
 def _check_settings(settings: ObjectSettings, grid: Grid) -> None:
-    """Whether the numbers go with the kind, and stretches with the cells."""
+    """Check that the numbers go with the kind, and stretches with the cells."""
     wrong, numbers = partial(InputError, file=settings.file), NUMBERS_OF_KIND[settings.kind]
     for name in (*settings.defaults, *settings.fields):
         if name not in numbers:
@@ -123,7 +123,7 @@ def _check_settings(settings: ObjectSettings, grid: Grid) -> None:
 
 
 def _numbers(feature: Feature, settings: ObjectSettings) -> dict[str, float]:
-    """The numbers of one feature by name, those that are stated."""
+    """Return the numbers of one feature by name, those that are stated."""
     columns, defaults = settings.fields, settings.defaults
     values: dict[str, float] = {}
     for name in NUMBERS_OF_KIND[settings.kind]:
@@ -158,7 +158,7 @@ def _object(
 
 
 def _traffic(values: Mapping[str, float], label: str, settings: ObjectSettings) -> Traffic | None:
-    """The traffic of a road; None where no vehicles are stated."""
+    """Return the traffic of a road; None where no vehicles are stated."""
     if not values or values.get("traffic_per_day") == 0.0:
         return None
     problem = "has traffic, but not all of its numbers"
@@ -202,7 +202,10 @@ def _warn(placed: PlacedObjects, grid: Grid, file: Input) -> None:
 def _stretches(
     whole: ExposedObject, geometry: Any, segment_m: float, grid: Grid, file: Input
 ) -> list[tuple[ExposedObject, Any]]:
-    """Equal parts of about ``segment_m``; the chainage runs on over separate parts of a line."""
+    """Return equal parts of about ``segment_m``.
+
+    The chainage runs on over separate parts of a line.
+    """
     line = shapely.line_merge(geometry) if geometry.geom_type.startswith("Multi") else geometry
     parts = list(getattr(line, "geoms", [line]))
     if len(parts) > 1:
@@ -237,7 +240,7 @@ def _stretches(
 
 
 def _chainage_names(name: str, spans: Sequence[tuple[float, float]]) -> list[str]:
-    """Names as 'road 0+000–0+050', with decimals where whole metres do not separate them."""
+    """Return names as 'road 0+000–0+050', with decimals where whole metres do not separate them."""
     names: list[str] = []
     for digits in range(4):
         names = [f"{name} {chainage(a, digits)}–{chainage(b, digits)}" for a, b in spans]
@@ -247,7 +250,7 @@ def _chainage_names(name: str, spans: Sequence[tuple[float, float]]) -> list[str
 
 
 def chainage(metres: float, digits: int = 0) -> str:
-    """Chainage as on a road: kilometres, +, metres."""
+    """Return the chainage as on a road: kilometres, +, metres."""
     km, rest = divmod(round(metres, digits), 1000.0)
     width = 3 if digits == 0 else 4 + digits
     return f"{int(km)}+{rest:0{width}.{digits}f}"
@@ -258,7 +261,7 @@ def chainage(metres: float, digits: int = 0) -> str:
 
 
 def object_cells(placed: PlacedObjects, grid: Grid) -> tuple[IntArray, IntArray]:
-    """Cells that each object touches.
+    """Return cells that each object touches.
 
     An object is known to the simulation by these cells: it is up to one cell wider, on each side,
     than it is drawn. A cell may belong to several objects, but to one stretch of a road only: of
@@ -285,7 +288,7 @@ def object_cells(placed: PlacedObjects, grid: Grid) -> tuple[IntArray, IntArray]
 
 
 def _touched(shape: Any, grid: Grid) -> IntArray:
-    """Cells that a geometry shares more with than a border; each once."""
+    """Return cells that a geometry shares more with than a border; each once."""
     dimension = int(shapely.get_dimensions(shape))
     if dimension == 0:
         x, y = shapely.get_coordinates(shape).T

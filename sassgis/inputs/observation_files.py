@@ -1,6 +1,6 @@
 """Field observations from a GeoPackage or a folder of CSV files.
 
-What cannot be used is left out and said so, row by row; reading fails only where nothing is left.
+What cannot be used is left out and said so, row by row; reading fails only where nothing remains.
 """
 
 from __future__ import annotations
@@ -45,7 +45,7 @@ _FOREIGN = frozenset({"layer_styles", "run_metadata"})
 
 
 def observation_source(given: AnyObservations) -> Path | dict[str, InMemory]:
-    """A path, or tables in memory by their names; InputError for anything else."""
+    """Return a path, or tables in memory by their names; InputError for anything else."""
     if not isinstance(given, Mapping | str | PathLike):
         raise InputError(
             "cannot be used", field=KEY, found=type(given).__name__,
@@ -141,9 +141,9 @@ def validate_observations(
     drop_m: float = 0.0,
     density_kgm3: float = DENSITY_KGM3,
 ) -> list[ObservationFinding]:
-    """All that their owner should know about observations, as read or made up by a program.
+    """Collect findings on observations, as read or made up by a program.
 
-    Errors come first; ``str`` gives one line that names file, table, column and row. Without the
+    Errors come first; ``str`` returns one line that names file, table, column and row. Without the
     DEM, nothing is compared with the terrain.
     """
     checked = check_observations(observations, grid, drop_m, density_kgm3)
@@ -157,7 +157,7 @@ def validate_observations(
 def _refuse_elsewhere(
     observations: Observations, checked: Sequence[ObservationFinding], path: Path
 ) -> None:
-    """Raise InputError where every table that has places lies beside the DEM."""
+    """Raise InputError where every table that has places lies outside the DEM."""
     beside = {f.table: f for f in checked if f.problem.startswith("no row lies on the DEM")}
     placed = {name for name, columns in observations.present.items() if {"x", "y"} <= columns}
     if placed and placed <= set(beside):

@@ -87,7 +87,7 @@ class RawTable:
 
 
 def table_of(raw: RawTable, grid: Grid | None) -> Table:
-    """What can be used of a table, in the coordinates of the DEM."""
+    """Return the usable rows of a table, in the coordinates of the DEM."""
     columns = _named_columns(raw)
     n = raw.rows.size
     data: dict[str, Any] = {"row": raw.rows}
@@ -114,7 +114,7 @@ def table_of(raw: RawTable, grid: Grid | None) -> Table:
 
 
 def _named_columns(raw: RawTable) -> dict[str, NDArray[Any]]:
-    """Columns under their own names; those that are not known are not read."""
+    """Return columns under their names; those that are not known are not read."""
     own = {name: column for column in TABLES[raw.name] for name in (column.name, *column.aliases)}
     result: dict[str, NDArray[Any]] = {}
     for given, values in raw.columns.items():
@@ -132,7 +132,7 @@ def _named_columns(raw: RawTable) -> dict[str, NDArray[Any]]:
 
 
 def _meant(name: str, known: Sequence[str]) -> str:
-    """The column that was probably meant, also in another unit."""
+    """Return the column that was probably meant, also in another unit."""
     for unit, (right, factor) in _UNITS.items():
         if name.endswith(unit) and (stem := name[: -len(unit)] + right) in known:
             return f"{stem}: the values {factor}"
@@ -141,17 +141,17 @@ def _meant(name: str, known: Sequence[str]) -> str:
 
 
 def _names(values: NDArray[Any]) -> list[str]:
-    """Identifiers as text; 7.0 from a column of numbers is 7, but 7.2 is a piece of it."""
+    """Return identifiers as text; 7.0 from a column of numbers is 7, but 7.2 is a fragment."""
     names = [text_of(value) or "" for value in values.tolist()]
     filled = [n for n in names if n]
-    # Spreadsheets write whole numbers so; a piece 0 of every rock is not meant.
+    # Spreadsheets write whole numbers so; a fragment 0 of every rock is not meant.
     if filled and all(re.fullmatch(r"\d+\.0", n) for n in filled):
         names = [n.removesuffix(".0") for n in names]
     return names
 
 
 def _short(raw: RawTable, column: str, texts: list[str]) -> list[str]:
-    """Texts, empty where they are too long or cannot be shown."""
+    """Return texts, empty where they are too long or cannot be shown."""
     wrong: dict[int, InputError] = {}
     for i, text in enumerate(texts):
         try:
@@ -166,7 +166,7 @@ def _short(raw: RawTable, column: str, texts: list[str]) -> list[str]:
 
 
 def _numbers(raw: RawTable, column: Column, values: NDArray[Any]) -> FloatArray:
-    """Numbers of a column; NaN where there is none or it cannot be one."""
+    """Return numbers of a column; NaN where there is none or it cannot be one."""
     texts = np.array([str(v).strip() for v in values.tolist()], dtype=object)
     empty = np.array([t.lower() in _EMPTY for t in texts.tolist()], np.bool_)
     numbers = pd.to_numeric(pd.Series(np.where(empty, "nan", texts)), errors="coerce")
@@ -192,7 +192,7 @@ def _numbers(raw: RawTable, column: Column, values: NDArray[Any]) -> FloatArray:
 
 
 def _identified(raw: RawTable, data: Mapping[str, Any]) -> NDArray[np.bool_]:
-    """Rows that say what they are about."""
+    """Return rows that say what they are about."""
     keep = np.ones(raw.rows.size, np.bool_)
     # A block or a passage without a name is an unattributed one: its table requires none.
     for column in TABLE_TYPES[raw.name].required:
@@ -210,7 +210,7 @@ def _identified(raw: RawTable, data: Mapping[str, Any]) -> NDArray[np.bool_]:
 
 
 def _half_places(raw: RawTable, data: dict[str, Any]) -> None:
-    """An x without its y is no place."""
+    """Drop places of which one coordinate is missing."""
     nothing = np.full(raw.rows.size, np.nan)
     there = [np.isfinite(data.get(c, nothing)) for c in ("x", "y")]
     half = there[0] ^ there[1]
@@ -226,7 +226,7 @@ def _half_places(raw: RawTable, data: dict[str, Any]) -> None:
 
 
 def _placed(raw: RawTable, data: Mapping[str, Any], grid: Grid | None) -> dict[str, Any]:
-    """Coordinates of the features of a layer, in those of the DEM."""
+    """Return coordinates of the features of a layer, in those of the DEM."""
     assert raw.shapes is not None
     lines = raw.name not in POINT_TABLES
     wanted = ("LineString", "MultiLineString") if lines else ("Point", "MultiPoint")
@@ -250,7 +250,7 @@ def _placed(raw: RawTable, data: Mapping[str, Any], grid: Grid | None) -> dict[s
     index = np.flatnonzero(fits)
     flat = [shapely.force_2d(shapes[i]) for i in index.tolist()]
     labels = [f"row {r}" for r in raw.rows[index].tolist()]
-    # Without a DEM they stay in their own coordinates.
+    # Without a DEM they stay in their coordinates.
     moved = flat
     if grid is not None and flat:
         moved = onto_grid(flat, raw.crs, grid, raw.file, KEY, labels)
@@ -298,7 +298,7 @@ def _stations(raw: RawTable, data: Mapping[str, Any], keep: NDArray[np.bool_]) -
 
 
 def metadata_of(raw: RawTable) -> Metadata:
-    """How well was measured; keys that are not known are passed on."""
+    """Read how well was measured; keys that are not known are passed on."""
     columns = {k.strip().lower(): v for k, v in raw.columns.items()}
     if not {"key", "value"} <= set(columns):
         found, expected = ", ".join(raw.columns) or "nothing", "columns key and value"

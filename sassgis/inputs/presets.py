@@ -1,4 +1,4 @@
-"""Hazard presets: the rules of an authority, built in or from the user's own TOML file."""
+"""Hazard presets: the rules of an authority, built in or from the user's TOML file."""
 
 from __future__ import annotations
 
@@ -94,7 +94,7 @@ class _File(_Section):
 
 
 def preset_names() -> tuple[str, ...]:
-    """Names of the presets that come with sassgis."""
+    """Return names of the presets that come with sassgis."""
     files = (p.name for p in _FOLDER.iterdir() if p.name.endswith(".toml"))
     return tuple(sorted(name.removesuffix(".toml") for name in files))
 
@@ -131,7 +131,7 @@ def _preset(text: str, name: str, file: str) -> HazardPreset:
 
 
 class _Reading:
-    """What the names within a file refer to."""
+    """Objects to which the names within a file refer."""
 
     def __init__(self, content: _File, file: str) -> None:
         self._content = content
@@ -254,7 +254,7 @@ def _meaning(loc: Place) -> str | None:
 
 
 def _nearest(loc: Place) -> str:
-    """The known key that an unknown one was probably meant to be."""
+    """Return the known key that an unknown one was probably meant to be."""
     model = _MODELS[str(loc[0])] if len(loc) > 1 else _File
     return nearest(str(loc[-1]), list(model.model_fields))
 

@@ -49,7 +49,7 @@ def check_is_result(folder: Path) -> None:
 
 
 def read_manifest(folder: Path) -> Mapping[str, Any]:
-    """The manifest of a result."""
+    """Return the manifest of a result."""
     check_is_result(folder)
     file = folder / MANIFEST_NAME
     try:
@@ -72,7 +72,7 @@ def read_manifest(folder: Path) -> Mapping[str, Any]:
 
 
 def read_layer(file: Path, name: str, columns: Sequence[str] = ()) -> gpd.GeoDataFrame | None:
-    """A layer of a result; None where the file or the layer is not there.
+    """Return a layer of a result; None where the file or the layer is not there.
 
     With ``columns`` it must have these, and a geometry in each row.
     """
@@ -94,7 +94,7 @@ def read_layer(file: Path, name: str, columns: Sequence[str] = ()) -> gpd.GeoDat
 
 
 def read_result(folder: Path) -> StoredResult:
-    """What of a result can be compared with another.
+    """Read the parts of a result that can be compared with another.
 
     It is one of ``sassgis run`` or ``sassgis zone``, or an area or the mosaic of a batch.
     """
@@ -166,7 +166,7 @@ def _read_map(file: Path, wanted: Sequence[str]) -> RasterLayer:
 
 
 def level_classes(folder: Path) -> tuple[RasterClass, ...]:
-    """Hazard levels of a zoning, in the colours of its map; none without that map."""
+    """Return hazard levels of a zoning, in the colours of its map; none without that map."""
     file = folder / "maps" / "hazard_level.tif"
     if not file.is_file():
         return ()
@@ -175,7 +175,10 @@ def level_classes(folder: Path) -> tuple[RasterClass, ...]:
 
 
 def _classes(dataset: Any) -> tuple[RasterClass, ...]:
-    """Classes of a map by its tags, in the colours of its palette; none of a map of numbers."""
+    """Return classes of a map by its tags, in the colours of its palette.
+
+    There are none of a map of numbers.
+    """
     palette = dataset.colormap(1) if dataset.dtypes[0] == "uint8" else {}
     classes = []
     named = dataset.tags(1).get("CLASSES", "")
@@ -190,7 +193,7 @@ def _classes(dataset: Any) -> tuple[RasterClass, ...]:
 def _read_zones(
     file: Path, classes: Sequence[RasterClass]
 ) -> tuple[Coverage | None, tuple[str, ...]]:
-    """Zones of hazard level by their class, and the codes of the levels as far as they occur."""
+    """Read zones of hazard level by class, and the codes of the levels that occur."""
     frame = read_layer(file, "hazard_zones", ("label", "hazard_level"))
     if frame is None:
         return None, ()
@@ -241,7 +244,10 @@ _Values = dict[str, dict[str, tuple[float, ...]]]
 
 
 def _read_objects(folder: Path) -> tuple[PlacedObjects, dict[str, dict[str, float]], _Values]:
-    """Exposed objects; by the name of the whole the sums of their risk, and the largest values."""
+    """Return exposed objects.
+
+    Returned by the name of the whole are the sums of their risk, and the largest values.
+    """
     objects: list[ExposedObject] = []
     shapes: list[Any] = []
     risk: dict[str, dict[str, float]] = {}

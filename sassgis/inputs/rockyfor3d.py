@@ -50,7 +50,7 @@ _MOST_SCENARIOS, _MOST_AREAS = 12, 50
 
 @cache
 def soil_types() -> Mapping[int, Any]:
-    """Rows of sassgis/data/rockyfor3d_soils.csv by the number of the soil type.
+    """Return rows of sassgis/data/rockyfor3d_soils.csv by the number of the soil type.
 
     Each has a name, the ground class that takes its place, and where that is from.
     """
@@ -61,9 +61,9 @@ def soil_types() -> Mapping[int, Any]:
 
 @dataclass(frozen=True)
 class Converted:
-    """What becomes of a folder of Rockyfor3D.
+    """Conversion of a folder of Rockyfor3D.
 
-    Layers and tables are to be written beside the configuration as ``<name>.gpkg`` and
+    Layers and tables are to be written next to the configuration as ``<name>.gpkg`` and
     ``<name>.csv``; notes say what was taken how, and what has no counterpart.
     """
 
@@ -86,7 +86,7 @@ class _Folder:
         return name in self.files
 
     def read(self, name: str) -> FloatArray:
-        """Values of a raster; NaN where it holds none."""
+        """Return values of a raster; NaN where it holds none."""
         file = self.files[name]
         with open_raster(file, _OPTION) as raster:
             here, there = tuple(raster.transform)[:6], tuple(self.transform)[:6]
@@ -103,7 +103,7 @@ class _Folder:
         return values
 
     def centres(self, rows: IntArray, cols: IntArray) -> FloatArray:
-        """X and y of the centres of cells, shape (n, 2)."""
+        """Return x and y of the centres of cells, shape (n, 2)."""
         a, b, c, d, e, f = tuple(self.transform)[:6]
         u, v = cols + 0.5, rows + 0.5
         return np.column_stack([a * u + b * v + c, d * u + e * v + f])
@@ -133,7 +133,7 @@ _WRONG = "is no folder of Rockyfor3D"
 
 
 def rasters_of(path: Path) -> dict[str, Path]:
-    """The rasters of a folder by name; of several of one name the first in the alphabet."""
+    """Return the rasters of a folder by name; of several of one name the first in the alphabet."""
     if not path.is_dir():
         raise _wrong(_WRONG, file=path, expected="the folder with dem.asc")
     return {
@@ -161,7 +161,7 @@ def _opened(path: Path) -> _Folder:
 
 
 def _release(folder: _Folder, crs: str | None, out: Converted) -> None:
-    """Release areas and block scenarios of the source cells."""
+    """Return release areas and block scenarios of the source cells."""
     density = folder.read(next(name for name in _DENSITY if folder.has(name)))
     source = np.nan_to_num(density) > 0.0
     sides = np.array([folder.read(name)[source] for name in ("d1", "d2", "d3")])
@@ -197,7 +197,7 @@ def _release(folder: _Folder, crs: str | None, out: Converted) -> None:
 
 
 def _scenarios(kinds: FloatArray) -> tuple[list[dict[str, Any]], IntArray]:
-    """A block scenario for each kind of block, or for several of like volume if there are many.
+    """Make a scenario for each kind of block, or for several of like volume if there are many.
 
     ``kinds`` has a column for each: three diameters (m), density (kg/m³), form. Returns the
     scenarios and the scenario of each kind.
@@ -234,7 +234,10 @@ def _span(values: FloatArray) -> float | tuple[float, float]:
 def _areas(
     label: NDArray[np.int32], names: Sequence[str], folder: _Folder, crs: str | None
 ) -> gpd.GeoDataFrame:
-    """Centres of the source cells of each scenario; of connected ones by themselves if few."""
+    """Return centres of the source cells of each scenario.
+
+    Those of connected cells are apart if they are few.
+    """
     several = [ndimage.label(label == k, np.ones((3, 3))) for k in range(1, len(names) + 1)]
     if sum(count for _, count in several) > _MOST_AREAS:
         several = [((label == k).astype(np.int32), 1) for k in range(1, len(names) + 1)]
@@ -258,7 +261,7 @@ def _areas(
 def _ground(
     folder: _Folder, soil: FloatArray, config_folder: Path, out: Converted
 ) -> dict[str, object]:
-    """Soil types as ground classes, and what the roughness heights are there."""
+    """Return soil types as ground classes, and what the roughness heights are there."""
     known = soil_types()
     present = np.unique(soil[np.isfinite(soil)]).tolist()
     wrong = partial(_wrong, file=folder.files["soiltype"], expected=", ".join(map(str, known)))
@@ -303,7 +306,7 @@ def _ground(
 
 
 def _nets(folder: _Folder, crs: str | None, out: Converted) -> None:
-    """Cells with the number of a net as lines with its height and capacity."""
+    """Convert cells with the number of a net to lines with its height and capacity."""
     names = ("net_number", "net_height", "net_energy")
     given = [name for name in names if folder.has(name)]
     if not given:
@@ -345,7 +348,7 @@ def _nets(folder: _Folder, crs: str | None, out: Converted) -> None:
 
 
 def _centre_line(folder: _Folder, rows: IntArray, cols: IntArray) -> Any:
-    """The longest of the shortest ways through the cells of a net; None for a single cell."""
+    """Return longest of the shortest ways through the cells of a net; None for a single cell."""
     if rows.size < 2:
         return None
     pairs = cKDTree(np.column_stack([rows, cols])).query_pairs(1.5, output_type="ndarray")
@@ -366,7 +369,7 @@ def _centre_line(folder: _Folder, rows: IntArray, cols: IntArray) -> Any:
 
 
 def _forest(folder: _Folder, config_folder: Path, out: Converted) -> None:
-    """Single trees, or stands on cells."""
+    """Convert the forest: single trees, or stands on cells."""
     listed = next((f for f in folder.path.iterdir() if f.name.lower() == "treefile.txt"), None)
     conifers = folder.read("conif_percent") if folder.has("conif_percent") else None
     if listed is not None:
@@ -402,7 +405,7 @@ def _forest(folder: _Folder, config_folder: Path, out: Converted) -> None:
 
 
 def _trees(file: Path, folder: _Folder, conifers: FloatArray | None) -> pd.DataFrame:
-    """X, y, diameter (cm) and, where stated, share of conifers of each tree."""
+    """Return x, y, diameter (cm) and, where stated, share of conifers of each tree."""
     expected = "x, y, diameter at breast height (cm) and, if wanted, share of conifers (%)"
     wrong = partial(_wrong, file=file, expected=expected)
     lines = [line.replace(",", " ").replace(";", " ").split()
@@ -435,7 +438,7 @@ def _trees(file: Path, folder: _Folder, conifers: FloatArray | None) -> pd.DataF
 
 
 def _left(folder: _Folder, out: Converted) -> None:
-    """Files that nothing was made of."""
+    """Note the files of which nothing was made."""
     read = {
         *_NEEDED, *_DENSITY, "blshape", "rg70", "rg20", "rg10", "net_number", "net_height",
         "net_energy", "nrtrees", "dbhmean", "dbhstd", "conif_percent",

@@ -65,7 +65,7 @@ _OBJECTS = {
 
 
 def _stated(own: Declared, *, needed: bool = False, high: float | None = None) -> FieldInfo:
-    """A number's column as its key of the configuration declares it."""
+    """Return a number's column as its key of the configuration declares it."""
     limits = interval(own.kind) or Interval()
     low = limits.gt if limits.ge is None else limits.ge
     top = limits.le if high is None else high
@@ -97,12 +97,12 @@ def _objects(kind: str) -> SiteLayer:
 
 
 def _named_by(*columns: str) -> dict[str, str]:
-    """Keys that name columns as they are called themselves."""
+    """Return keys that name columns as they are called themselves."""
     return {column: f"{column}_field" for column in columns}
 
 
 def site_layers() -> tuple[SiteLayer, ...]:
-    """All layers of a site, the topmost first."""
+    """Return all layers of a site, the topmost first."""
     barrier, forest = declared(BarrierSettings), declared(ForestPlace)
     barriers = {
         "name": _NAME,

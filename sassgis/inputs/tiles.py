@@ -59,7 +59,7 @@ class Part:
         return self.row + self.n_rows, self.col + self.n_cols
 
     def common(self, other: Part) -> Part | None:
-        """The cells that are in both."""
+        """Return the cells that are in both."""
         row, col = max(self.row, other.row), max(self.col, other.col)
         last_row, last_col = (min(a, b) for a, b in zip(self.end, other.end, strict=True))
         if last_row <= row or last_col <= col:
@@ -67,12 +67,12 @@ class Part:
         return Part(row, col, last_row - row, last_col - col)
 
     def grown(self, north: int, east: int, south: int, west: int) -> Part:
-        """With so many rows and columns more on each side."""
+        """Return the part with so many rows and columns more on each side."""
         n_rows, n_cols = self.n_rows + north + south, self.n_cols + west + east
         return Part(self.row - north, self.col - west, n_rows, n_cols)
 
     def cells_in(self, other: Part, cells: IntArray) -> tuple[BoolArray, IntArray]:
-        """Which of some cells (flat indices) lie in ``other``, and where these are there."""
+        """Find which of some cells (flat indices) lie in ``other``, and where these are there."""
         row, col = np.divmod(np.asarray(cells, np.int64), self.n_cols)
         row, col = row + self.row - other.row, col + self.col - other.col
         inside = (row >= 0) & (row < other.n_rows) & (col >= 0) & (col < other.n_cols)
@@ -81,14 +81,14 @@ class Part:
 
 
 def hull(parts: Sequence[Part]) -> Part:
-    """The smallest part that holds all of the parts, of which there is one at least."""
+    """Return the smallest part that holds all of the parts, of which there is one at least."""
     row, col = min(p.row for p in parts), min(p.col for p in parts)
     last = (max(p.end[0] for p in parts), max(p.end[1] for p in parts))
     return Part(row, col, last[0] - row, last[1] - col)
 
 
 def gaps_between(parts: Sequence[Part]) -> list[Part]:
-    """Where parts of a terrain leave something out that is probably missing.
+    """Find where parts of a terrain leave something out that is probably missing.
 
     There are parts on three sides of it or more, or all of them nearly fill a rectangle: the border
     along a valley has steps. Each is the smallest part that holds what is connected of it.
@@ -115,14 +115,14 @@ def gaps_between(parts: Sequence[Part]) -> list[Part]:
 
 
 def gaps_text(parts: Sequence[Part], transform: Affine) -> str:
-    """Where tiles leave gaps, in words; empty if nowhere."""
+    """Describe where tiles leave gaps; empty if nowhere."""
     windows = [Window(own.col, own.row, own.n_cols, own.n_rows) for own in gaps_between(parts)]
     gaps = [f"({extent_text(*bounds(window, transform))})" for window in windows]
     return f"no tile covers {some_of(gaps, str)}: no height is known there" if gaps else ""
 
 
 def gaps_of_mosaic(file: Input) -> str:
-    """The same of a virtual raster; empty of any other raster."""
+    """Return the same of a virtual raster; empty of any other raster."""
     places = mosaic_places(file) if isinstance(file, Path) else ()
     if not places:
         return ""
@@ -163,16 +163,19 @@ class Terrain:
         )
 
     def holding(self, part: Part) -> Terrain:
-        """The terrain model with the heights of a part in memory: within it no file is read."""
+        """Return terrain model with the heights of a part in memory: within it no file is read."""
         return self if self._holds(part) else replace(self, held=(part, self.read(part).values))
 
     def _holds(self, part: Part) -> bool:
-        """Whether all heights of a part are in memory."""
+        """Return whether all heights of a part are in memory."""
         inside = self.whole.common(part)
         return inside is None or (self.held is not None and self.held[0].common(inside) == inside)
 
     def read(self, part: Part) -> Grid:
-        """Heights of a part of the lattice, NaN where no tile holds one; InputLost if a file is."""
+        """Return heights of a part of the lattice, NaN where no tile holds one.
+
+        Raises InputLost if a file is lost.
+        """
         values = np.full((part.n_rows, part.n_cols), np.nan)
         if self.held is not None:
             place, heights = self.held
@@ -188,18 +191,18 @@ class Terrain:
         return replace(self.frame(part), values=values)
 
     def outline(self) -> Grid:
-        """The whole lattice without its heights, which take no memory and are 0."""
+        """Return the whole lattice without its heights, which take no memory and are 0."""
         return self.frame(self.whole)
 
     def part_of(self, bounds: Sequence[float]) -> Part:
-        """The cells that meet a rectangle (west, south, east, north), also beyond the DEM."""
+        """Return cells that meet a rectangle (west, south, east, north), also beyond the DEM."""
         west, south, east, north = bounds
         col, last_col = (math.floor((x - self.west) / self.cell_size) for x in (west, east))
         row, last_row = (math.floor((self.north - y) / self.cell_size) for y in (north, south))
         return Part(row, col, last_row - row + 1, last_col - col + 1)
 
     def frame(self, part: Part) -> Grid:
-        """A part of the lattice without its heights, which take no memory and are 0."""
+        """Return a part of the lattice without its heights, which take no memory and are 0."""
         values = np.broadcast_to(np.zeros(1), (part.n_rows, part.n_cols))
         west = self.west + part.col * self.cell_size
         north = self.north - part.row * self.cell_size
@@ -207,7 +210,7 @@ class Terrain:
 
 
 def _within(part: Part, whole: Part) -> tuple[slice, slice]:
-    """Rows and columns of a part, counted from the first cell of ``whole``."""
+    """Return rows and columns of a part, counted from the first cell of ``whole``."""
     row, col = part.row - whole.row, part.col - whole.col
     return slice(row, row + part.n_rows), slice(col, col + part.n_cols)
 
@@ -346,7 +349,7 @@ def _place(dem: DemFile, west: float, north: float, cell: float) -> Part:
 
 
 def _check_overlaps(tiles: Sequence[Tile]) -> None:
-    """Where tiles overlap they must hold one terrain."""
+    """Check that tiles hold one terrain where they overlap."""
     for one, two in combinations(tiles, 2):
         common = one.place.common(two.place)
         if common is None:

@@ -55,11 +55,11 @@ class Feature:
     name_field: str | None = None  # attribute with the names of the features
 
     def text(self, field: str) -> str | None:
-        """Attribute as text; None where it is empty, or where the layer has none."""
+        """Return the attribute as text; None where it is empty, or where the layer has none."""
         return text_of(self.attributes.get(field))
 
     def value(self, field: str) -> float:
-        """Attribute as a finite number; InputError otherwise."""
+        """Return the attribute as a finite number; InputError otherwise."""
         assert self.file is not None
         return number(self.attributes[field], self.label, field, self.file)
 
@@ -70,12 +70,12 @@ class Feature:
         return f"feature {self.number}" + (f" ({name})" if name else "")
 
     def wrong(self, problem: str, field: str | None, **detail: Any) -> InputError:
-        """The error for what is wrong with the feature; ``detail`` is what InputError takes."""
+        """Return error for what is wrong with the feature; ``detail`` is what InputError takes."""
         return InputError(f"{self.label} {problem}", file=self.file, field=field, **detail)
 
 
 def nearest(name: str, known: Sequence[str]) -> str:
-    """What may have been meant by a name that is not known."""
+    """Return the known name that may have been meant by an unknown one."""
     if not known:
         return "one that exists, but there is none"
     close = difflib.get_close_matches(name.lower(), [k.lower() for k in known], n=1, cutoff=0.6)
@@ -103,7 +103,9 @@ def refuse_twice(
 
 
 def text_of(value: object) -> str | None:
-    """A cell of a frame as text, 7.0 as 7; None where it is empty: NaN, pandas.NA also as text.
+    """Return a cell of a frame as text, 7.0 as 7.
+
+    It is None where the cell is empty: NaN, pandas.NA also as text.
 
     Names are compared by it: in one Unicode form.
     """
@@ -150,7 +152,10 @@ def with_shapes(
     key: str,
     kinds: Sequence[str] = ("polygon", "line", "point"),
 ) -> list[Feature]:
-    """Features of a layer with their geometries; the arguments are those of read_features."""
+    """Return features of a layer with their geometries.
+
+    The arguments are those of read_features.
+    """
     shapes = [shapely.force_2d(frame.geometry.array[f.number - 1]) for f in plain]
     found = [_checked_kind(f, g, key, kinds) for f, g in zip(plain, shapes, strict=True)]
     moved = onto_grid(shapes, frame.crs, grid, file, key, [f.label for f in plain])
@@ -160,7 +165,7 @@ def with_shapes(
 
 
 def without_shapes(frame: Any, file: Input, name_field: str | None = None) -> list[Feature]:
-    """The features of a layer by number and attributes."""
+    """Return the features of a layer by number and attributes."""
     # pandas 2 has no records of a frame without columns.
     rows = frame.drop(columns=frame.geometry.name).to_dict("records") or [{} for _ in frame.index]
     return [Feature(n, row, None, "", file, name_field) for n, row in enumerate(rows, start=1)]
@@ -177,7 +182,7 @@ def open_layer(
     fields: Mapping[str, str | None],
     may_be_empty: bool = False,
 ) -> Any:
-    """The layer as a frame with geometry."""
+    """Return the layer as a frame with geometry."""
     place = f"{key}.file"
     check_file(file, place, VECTOR, folders=True)
     warned: tuple[str, ...] = ()
@@ -208,7 +213,7 @@ def open_layer(
 def _read_layer(
     file: Path, layer: str | None, key: str, _stamps: tuple[Stamp, ...]
 ) -> tuple[Any, str, tuple[str, ...]]:
-    """A layer as a frame, its name, and what GDAL has to say of it.
+    """Return a layer as a frame, its name, and what GDAL has to say of it.
 
     A few are kept: a batch takes its release areas one by one from the same layer.
     """
@@ -252,7 +257,7 @@ _FARTHEST = 1e8
 
 
 def _checked_kind(feature: Feature, shape: Any, key: str, kinds: Sequence[str]) -> str:
-    """Kind of a geometry, in the coordinates of its file so that users find the place."""
+    """Return kind of a geometry, in the coordinates of its file so that users find the place."""
     wrong = partial(feature.wrong, field=f"{key}.file")
     wanted = "a " + " or ".join(kinds)
     if shape is None or shape.is_empty:
@@ -278,7 +283,7 @@ def _checked_kind(feature: Feature, shape: Any, key: str, kinds: Sequence[str]) 
 def onto_grid(
     shapes: Sequence[Any], crs: Any, grid: Grid, file: Input, key: str, labels: Sequence[str]
 ) -> list[Any]:
-    """Geometries in the coordinates of the DEM; they must meet it somewhere."""
+    """Return geometries in the coordinates of the DEM; they must meet it somewhere."""
     place = f"{key}.file"
     wrong = partial(InputError, file=file, field=place)
     own = None if crs is None else pyproj.CRS.from_user_input(crs)
@@ -371,14 +376,14 @@ def outside(
     bounds: tuple[float, float, float, float],
     grid: Grid,
 ) -> InputError:
-    """The error for a feature beyond the DEM."""
+    """Return the error for a feature beyond the DEM."""
     found, expected = extent_text(*bounds), f"within {extent_text(*grid.bounds)}"
     problem = f"{label} lies outside the DEM"
     return InputError(problem, file=file, field=place, found=found, expected=expected)
 
 
 def without_repeats(points: FloatArray) -> FloatArray:
-    """Vertices, shape (n, 2), without those that repeat the one before."""
+    """Return vertices, shape (n, 2), without those that repeat the one before."""
     again = np.append(False, (points[1:] == points[:-1]).all(axis=1))[: len(points)]
     return np.ascontiguousarray(points[~again])
 
@@ -388,7 +393,7 @@ def without_repeats(points: FloatArray) -> FloatArray:
 
 
 def share_inside(feature: Feature, grid: Grid) -> float:
-    """Share of a feature (of its area, length or number of points) within the DEM, 0 to 1."""
+    """Return the share (0 to 1) of a feature's area, length or number of points within the DEM."""
     box = shapely.box(*grid.bounds)
     if box.covers(feature.geometry):
         return 1.0
@@ -396,7 +401,7 @@ def share_inside(feature: Feature, grid: Grid) -> float:
 
 
 def share_known(feature: Feature, grid: Grid) -> float:
-    """Share of a feature, as of share_inside, within the DEM and where its heights are known."""
+    """Return the share, as share_inside, within the DEM and where its heights are known."""
     geometry = feature.geometry
     if shapely.get_dimensions(geometry) == 0:
         known = np.isfinite(grid.value_at(*shapely.get_coordinates(geometry).T))
@@ -414,7 +419,7 @@ def share_known(feature: Feature, grid: Grid) -> float:
 
 
 def _share(part: Any, whole: Any) -> float:
-    """Share of a part in the area, the length or the number of points of a geometry."""
+    """Return the share of a part in the area, the length or the number of points of a geometry."""
     sizes = (shapely.get_num_coordinates, shapely.length, shapely.area)
     size = sizes[shapely.get_dimensions(whole)]
     return float(size(part) / size(whole))
@@ -423,7 +428,7 @@ def _share(part: Any, whole: Any) -> float:
 def cells_under(
     geometry: Any, grid: Grid, centres_only: bool = False
 ) -> tuple[slice, slice, NDArray[np.bool_]]:
-    """Cells that a shapely geometry, which meets the DEM, covers.
+    """Return cells that a shapely geometry, which meets the DEM, covers.
 
     Rows and columns are the part of the grid that holds the geometry. The mask has the shape of
     that part: cells whose centre lies in a polygon; for points, lines and polygons too small to
@@ -438,7 +443,9 @@ def cells_under(
 
 
 def polygon_of_cells(polygons: Sequence[Feature], grid: Grid) -> NDArray[np.int32]:
-    """Which polygon covers the centre of each cell: its position, -1 for none; shape of the grid.
+    """Find the polygon that covers the centre of each cell: its position, -1 for none.
+
+    The array has the shape of the grid.
 
     Where several do, the last one counts. Polygons that count nowhere, or on less than half of
     their area because they are too narrow for the cells, are named in a warning.
@@ -468,7 +475,7 @@ def polygon_of_cells(polygons: Sequence[Feature], grid: Grid) -> NDArray[np.int3
 
 
 def _part_under(geometry: Any, grid: Grid) -> tuple[slice, slice]:
-    """Rows and columns that hold a geometry, as far as it lies on the grid."""
+    """Return rows and columns that hold a geometry, as far as it lies on the grid."""
     n_rows, n_cols = grid.shape
     west, south, east, north = geometry.bounds
     size = grid.cell_size
@@ -478,7 +485,7 @@ def _part_under(geometry: Any, grid: Grid) -> tuple[slice, slice]:
 
 
 def steepest_slope_deg(geometry: Any, grid: Grid) -> float:
-    """Steepest slope (degrees) of the cells under a geometry, from central differences."""
+    """Return steepest slope (degrees) of the cells under a geometry, from central differences."""
     rows, cols, mask = cells_under(geometry, grid)
     n_rows, n_cols = grid.shape
     top, left = max(rows.start - 1, 0), max(cols.start - 1, 0)

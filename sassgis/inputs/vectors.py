@@ -56,18 +56,21 @@ _ATTRIBUTES = ("name_field", "scenario_field")
 
 
 def release_features(release: ReleaseSettings) -> list[Feature]:
-    """The release areas of a file by number and attributes; their shapes are not looked at."""
+    """Return release areas of a file by number and attributes; their shapes are not looked at."""
     file, frame = _release_layer(release, "name_field")
     return without_shapes(frame, file, release.name_field)
 
 
 def release_names(release: ReleaseSettings) -> tuple[str, ...]:
-    """Names of all release areas in the order of the file; their shapes are not looked at."""
+    """Return names of all release areas in the order of the file.
+
+    Their shapes are not looked at.
+    """
     return tuple(feature_names(release_features(release), "area", "release"))
 
 
 def _release_layer(release: ReleaseSettings, *keys: str) -> tuple[Input, Any]:
-    """The file and the layer, which has the attributes that some keys name."""
+    """Return the file and the layer, which has the attributes that some keys name."""
     if release.file is None:
         problem, field = "no release areas are given", "release.file"
         raise InputError(problem, file=release.config_file, field=field, expected="a file")
@@ -104,7 +107,7 @@ def read_release(
 
 
 def read_release_feature(release: ReleaseSettings, number: int, grid: Grid) -> Feature:
-    """One feature of the release areas, in the coordinates of the DEM.
+    """Return one feature of the release areas, in the coordinates of the DEM.
 
     ``number`` is its place in the layer, counted from 1. The heights of the terrain model are not
     looked at.
@@ -117,7 +120,7 @@ def read_release_feature(release: ReleaseSettings, number: int, grid: Grid) -> F
 def release_area(
     feature: Feature, name: str, release: ReleaseSettings, grid: Grid, block_names: Sequence[str]
 ) -> ReleaseArea:
-    """A release area from its feature, checked against the DEM under it."""
+    """Return a release area from its feature, checked against the DEM under it."""
     known = _known_under(feature, grid)
     scenarios = _scenarios(feature, release.scenario_field, block_names)
     return ReleaseArea(name, feature.geometry, scenarios, known)
@@ -130,7 +133,7 @@ def named_features(
     columns: Mapping[str, str],
     kinds: Sequence[str],
 ) -> list[tuple[Feature, str]]:
-    """The features that a section reads, with their names; a single one may have that of it.
+    """Return the features that a section reads, with their names; a single one may have that of it.
 
     ``columns`` are attributes that the section names besides that of the names, by what they say.
     """
@@ -150,7 +153,7 @@ def named_features(
 
 
 def feature_names(features: Sequence[Feature], stem: str, section: str) -> list[str]:
-    """Names of the features: identities, so no two are the same."""
+    """Return names of the features: identities, so no two are the same."""
     seen: dict[str, Feature] = {}
     for feature in features:
         field = feature.name_field
@@ -181,7 +184,7 @@ def _scenarios(feature: Feature, field: str | None, known: Sequence[str]) -> tup
 
 
 def _known_under(feature: Feature, grid: Grid) -> float:
-    """The share of a release area on known terrain; it is compared with the DEM under it."""
+    """Return the share of a release area on known terrain; it is compared with the DEM under it."""
     file, label = feature.file, feature.label
     inside, known = share_inside(feature, grid), share_known(feature, grid)
     if inside == 0.0:
@@ -206,7 +209,7 @@ def _known_under(feature: Feature, grid: Grid) -> float:
 
 
 def warn_of_overlaps(areas: Sequence[ReleaseArea], file: Input) -> None:
-    """Where areas of one scenario overlap, blocks start twice as densely."""
+    """Warn of overlapping areas of one scenario, where blocks start twice as densely."""
     shapes = [a.geometry for a in areas]
     first, second = shapely.STRtree(shapes).query(shapes, predicate="intersects")
     for i, j in zip(first.tolist(), second.tolist(), strict=True):
@@ -263,7 +266,7 @@ def _control_lines_of(
 
 
 def read_line(file: Input, grid: Grid, key: str) -> FloatArray:
-    """The only line of a file, which must lie within the terrain model.
+    """Return the only line of a file, which must lie within the terrain model.
 
     As x and y of its vertices in the coordinates of the DEM (m), float64 of shape (n, 2).
     """
@@ -284,7 +287,7 @@ def read_line(file: Input, grid: Grid, key: str) -> FloatArray:
 
 
 def _one_line(feature: Feature, key: str) -> FloatArray:
-    """Vertices of a line whose parts, if it has several, meet at their ends."""
+    """Return vertices of a line whose parts, if it has several, meet at their ends."""
     line = feature.geometry
     if line.geom_type == "MultiLineString":
         line = shapely.line_merge(line)
@@ -296,7 +299,7 @@ def _one_line(feature: Feature, key: str) -> FloatArray:
 
 
 def _with_attributes(item: StationSettings, feature: Feature) -> StationSettings:
-    """A barrier with what the attributes of one feature say; empty ones leave it as it is."""
+    """Return barrier with what the attributes of one feature say; empty ones leave it as it is."""
     if not isinstance(item, BarrierSettings):
         return item
     stated: dict[str, Any] = {}

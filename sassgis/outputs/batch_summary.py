@@ -65,7 +65,7 @@ class BatchSummary:
         self._rows[folder]["status"] = _SKIPPED + reason
 
     def reasons(self) -> dict[str, str]:
-        """Why areas were skipped, by their name."""
+        """Return the reasons why areas were skipped, by their name."""
         return {
             str(row["area"]): str(row["status"]).removeprefix(_SKIPPED)
             for row in self._rows.values()
@@ -73,7 +73,7 @@ class BatchSummary:
         }
 
     def frame(self) -> pd.DataFrame:
-        """The table."""
+        """Return the table."""
         columns = ["area", "file", "folder", "status", "points", "rocks", "furthest_m"]
         columns += [*(f"{code}_m2" for code in self._levels), "seconds"]
         frame = pd.DataFrame(list(self._rows.values()), columns=columns)

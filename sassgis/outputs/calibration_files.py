@@ -94,7 +94,7 @@ def write_classes(path: Path, calibration: SiteCalibration, configured: GroundTa
 
 
 def class_provenance(calibration: SiteCalibration, name: str) -> str:
-    """Where the values of a calibrated class come from, in a sentence."""
+    """State in a sentence where the values of a calibrated class come from."""
     own = [f for f in calibration.fitted if f.parameter.class_name == name]
     told = [f"{f.parameter.name} {f.low:.2g} to {f.high:.2g}" for f in own if f.identified]
     kept = [f.parameter.name for f in own if not f.identified]
@@ -126,7 +126,7 @@ def class_provenance(calibration: SiteCalibration, name: str) -> str:
 def write_calibrated_config(path: Path, config: Config, calibration: SiteCalibration) -> Path:
     """Write a configuration with the recommended ground.
 
-    That is the table of fitted classes beside it, or what was configured.
+    That is the table of fitted classes next to it, or what was configured.
 
     Raises
     ------

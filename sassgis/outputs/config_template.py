@@ -59,7 +59,7 @@ Given = Iterable[tuple[str, Mapping[str, object]]]
 
 
 def short_template(given: Given = ()) -> str:
-    """The few lines that every site must decide.
+    """Return the few lines that every site must decide.
 
     Keys that are ``given`` come with these values, and sections that are not among the few are
     added.
@@ -94,7 +94,7 @@ def _bracketed(section: str) -> str:
 
 
 def config_template(given: Given = ()) -> str:
-    """A commented configuration with every key; it loads once its paths are filled in.
+    """Return a commented configuration with every key; it loads once its paths are filled in.
 
     What is ``given`` stands in place of defaults and examples.
     """
@@ -117,7 +117,7 @@ def config_template(given: Given = ()) -> str:
             lines.append(f"{'' if shown else '# '}{own.name} = {toml_value(value)}")
             lines += _wrapped(_text(own), "#     ")
         parts.append("\n".join(lines) + "\n")
-    # A second layer of a kind, as roads beside buildings.
+    # A second layer of a kind, as roads next to buildings.
     more = [(n, v) for n, v in given if v != known.get(n)]
     for name, values in more:
         rows = [f"{key} = {toml_value(value)}" for key, value in values.items()]
@@ -126,14 +126,14 @@ def config_template(given: Given = ()) -> str:
 
 
 def _summary(section: str) -> str:
-    """What a section is about: the first line of the docstring of its type."""
+    """Return the summary of a section: the first line of the docstring of its type."""
     if "." in section:
         return first_line(EFFECTS[section.split(".")[1]].settings)
     return first_line(SECTIONS[section])
 
 
 def _is_shown(own: Declared, *, quiet: bool) -> bool:
-    """Whether a key stands in the template as a setting, and not as a comment."""
+    """Return whether a key stands in the template as a setting, and not as a comment."""
     if own.example is not None and own.example.needed:
         return True
     return not quiet and not own.is_required and own.default is not None
@@ -155,7 +155,7 @@ def _text(own: Declared) -> str:
 
 
 def toml_value(value: Any) -> str:
-    """A value on one line, as TOML has it."""
+    """Return a value on one line, as TOML has it."""
     if isinstance(value, Mapping):
         inner = ", ".join(f"{key} = {toml_value(item)}" for key, item in value.items())
         return f"{{ {inner} }}"
@@ -174,7 +174,7 @@ _SUFFIXES = {"raster": ".tif", "layer": ".gpkg", "table": ".csv"}
 def save_config(config: Config, path: str | PathLike[str], *, overwrite: bool = False) -> Path:
     """Write a configuration as a TOML file, from which the same run can be made again.
 
-    Inputs that are in memory are written beside it; files are named as seen from there. Those that
+    Inputs that are in memory are written next to it; files are named as seen from there. Those that
     are there already are replaced with ``overwrite`` only.
 
     Raises
@@ -189,9 +189,9 @@ def save_config(config: Config, path: str | PathLike[str], *, overwrite: bool = 
 
 
 def written_document(config: Config, path: Path, overwrite: bool = False) -> dict[str, Any]:
-    """The document of a configuration that is to be written to ``path``.
+    """Return the document of a configuration that is to be written to ``path``.
 
-    What is in memory is written beside it.
+    What is in memory is written next to it.
     """
     # Symbolic links are followed: the way up from the new place counts real folders.
     base, place = Path(os.path.realpath(config.base)), Path(os.path.realpath(path)).parent

@@ -36,14 +36,14 @@ def require_parquet() -> None:
 
 
 def rock_frame(rows: BlockRows, run: MapRun, planned: Plan) -> pd.DataFrame:
-    """A row per block, units in the names."""
+    """Return a row per block, units in the names."""
     frame = _columns(rows.rocks, np.array([b.name for b in run.blocks])[rows.rock_scenario])
     frame.insert(0, "area", _areas(rows.rocks["line"], planned))
     return frame.assign(x_m=rows.x, y_m=rows.y, weight=rows.rock_weight)
 
 
 def passage_frame(rows: BlockRows, run: MapRun, planned: Plan) -> pd.DataFrame:
-    """A row per block and station or barrier, units in the names."""
+    """Return a row per block and station or barrier, units in the names."""
     frame = _columns(rows.passages, np.array([b.name for b in run.blocks])[rows.passage_scenario])
     _name_control_lines(frame, [line.name for line, _ in run.control_lines])
     frame.insert(0, "area", _areas(rows.passages["line"], planned))
@@ -52,14 +52,14 @@ def passage_frame(rows: BlockRows, run: MapRun, planned: Plan) -> pd.DataFrame:
 
 
 def profile_rock_frame(result: ProfileResult, scenarios: Sequence[str]) -> pd.DataFrame:
-    """A row per block of a profile, fragments and entrained blocks included."""
+    """Return a row per block of a profile, fragments and entrained blocks included."""
     scenario = np.concatenate([result.scenario, result.piece_scenario])
     ended = np.concatenate([result.rocks, result.pieces])
     return _columns(ended, np.array(scenarios)[scenario]).drop(columns="line")
 
 
 def profile_passage_frame(result: ProfileResult, scenarios: Sequence[str]) -> pd.DataFrame:
-    """A row per block and station or barrier of a profile."""
+    """Return a row per block and station or barrier of a profile."""
     scenario = np.array(scenarios)[result.passage_scenario]
     frame = _columns(result.passages, scenario).drop(columns=["line", *_PLACE])
     _name_control_lines(frame, [line.name for line, _ in result.profile.control_lines])
@@ -67,14 +67,14 @@ def profile_passage_frame(result: ProfileResult, scenarios: Sequence[str]) -> pd
 
 
 def same(*names: str) -> dict[str, str]:
-    """Columns that are called as the attributes that they hold."""
+    """Return columns that are called as the attributes that they hold."""
     return dict(zip(names, names, strict=True))
 
 
 def table_of(
     rows: Sequence[object], columns: Mapping[str, str], digits: Mapping[str, int]
 ) -> pd.DataFrame:
-    """A row for each thing: its attributes by the names of their columns.
+    """Return a row for each thing: its attributes by the names of their columns.
 
     Numbers in the columns that ``digits`` names are rounded to so many.
     """
@@ -84,7 +84,7 @@ def table_of(
 
 
 class ProfileTables(NamedTuple):
-    """What blocks did along one profile.
+    """Tables of the blocks along one profile.
 
     Attributes
     ----------
@@ -105,7 +105,7 @@ class ProfileTables(NamedTuple):
 
 
 def profile_tables(result: ProfileResult, scenarios: Sequence[str]) -> ProfileTables:
-    """Blocks, passages, quantiles by stretch, and paths of a profile."""
+    """Return blocks, passages, quantiles by stretch, and paths of a profile."""
     units = {"energy": "kj", "speed": "mps", "height": "m"}
     along = {"from_m": result.stretches[:-1], "to_m": result.stretches[1:]}
     for quantity, quantiles in result.along.items():
@@ -134,7 +134,7 @@ def _columns(rows: NDArray[np.void], scenario: NDArray[np.str_] | None = None) -
 
 
 def _areas(line: IntArray, planned: Plan) -> NDArray[np.object_]:
-    """Name of the release area of each line."""
+    """Return the name of the release area of each line."""
     return np.array(planned.points.area_names, dtype=object)[planned.points.area[line]]
 
 
@@ -147,12 +147,15 @@ _FORMULA = ("=", "+", "-", "@", "\t", "\r")
 
 
 def without_formulas(frame: pd.DataFrame) -> pd.DataFrame:
-    """A table whose texts no spreadsheet computes: an apostrophe stands before what it would."""
+    """Return a table whose texts no spreadsheet computes.
+
+    An apostrophe stands before what it would.
+    """
 
     def text(value: object) -> object:
         if not isinstance(value, str):
             return value
-        # A carriage return alone would begin a new row, and is not quoted.
+        # A carriage return by itself would begin a new row, and is not quoted.
         return ("'" if value.startswith(_FORMULA) else "") + value.replace("\r", " ")
 
     texts = frame.select_dtypes(include=["object", "string", "category"]).columns
@@ -163,7 +166,7 @@ def without_formulas(frame: pd.DataFrame) -> pd.DataFrame:
 
 
 def _not_empty(frames: Iterable[pd.DataFrame]) -> Iterator[pd.DataFrame]:
-    """Frames that have rows; an empty one if all are.
+    """Yield frames that have rows; an empty one if all are.
 
     Arrow knows no type of a column of texts that has none.
     """

@@ -35,7 +35,7 @@ from sassgis.settings.run_config import Config
 from sassgis.settings.schema import declared
 from sassgis.settings.settings import ForestPlace
 
-#: Files of the calibrated model, beside its configuration.
+#: Files of the calibrated model, next to its configuration.
 CLASSES_NAME = "ground_classes.csv"
 FOREST_NAME = "forest.gpkg"
 
@@ -79,7 +79,7 @@ def write_gap_gpkg(path: Path, case: Case, diagnosis: Diagnosis) -> None:
 def write_config_back(path: Path, config: Config, diagnosis: Diagnosis, case: Case) -> Path:
     """Write the user's configuration with the calibrated ground and the named effect.
 
-    A ground-class table and, for fitted trees, a forest are written beside it, in a folder that is
+    A ground-class table and, for fitted trees, a forest are written next to it, in a folder that is
     made. Files that the configuration names are named relative to the new place. ConfigError or
     InputError if the result could not be used in a run.
     """
@@ -188,7 +188,9 @@ def _comments(
 def classes_csv(
     table: GroundTable, configured: GroundTable, provenance: Callable[[GroundClass], str]
 ) -> str:
-    """A table of ground classes; those that were changed get their provenance and what was before.
+    """Return a table of ground classes.
+
+    Those that were changed get their provenance and what was before.
 
     ``provenance`` gives a sentence for a class that was changed.
     """

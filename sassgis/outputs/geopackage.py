@@ -87,7 +87,7 @@ _ALLOWED = {
 
 
 def _prepare(layer: VectorLayer) -> tuple[gpd.GeoDataFrame, str]:
-    """The frame in the one type of geometry that its table will have, and that type."""
+    """Return the frame in the one type of geometry that its table will have, and that type."""
     frame = layer.frame.rename_geometry(GEOMETRY_COLUMN)
     geometry = frame.geometry
     found = set(geometry.geom_type.dropna().unique())
@@ -165,7 +165,7 @@ def _write_columns(database: sqlite3.Connection, layers: Sequence[VectorLayer]) 
 
 
 def _write_domain(database: sqlite3.Connection, table: str, column: str, info: FieldInfo) -> None:
-    """What may stand in a column, as a constraint of the schema extension (GDAL: field domain)."""
+    """Write the values allowed in a column as a constraint of the schema extension."""
     name = f"{table}_{column}".lower()
     rows: list[tuple[str | float | None, ...]] = []
     if info.choices:
@@ -187,7 +187,7 @@ def _write_domain(database: sqlite3.Connection, table: str, column: str, info: F
 def register_columns(
     database: sqlite3.Connection, columns: Sequence[tuple[str, str, str, str]]
 ) -> None:
-    """Table, column, title and description of columns, by the GeoPackage schema extension.
+    """Register titles and descriptions of columns by the GeoPackage schema extension.
 
     GDAL calls the titles alternative names.
     """

@@ -104,12 +104,12 @@ def write_manifest(
 
 @cache
 def software_versions() -> Mapping[str, str]:
-    """Versions of Python, the platform and the libraries that make the numbers and the files."""
+    """List versions of Python, the platform and the libraries behind numbers and files."""
     versions = {
         "python": platform.python_version(),
         "platform": f"{platform.system()} {platform.machine()}",
     }
-    # Each from a file of its own: read once, as a batch asks for every area.
+    # Each from a separate file: read once, as a batch asks for every area.
     versions |= {package: version(package) for package in _PACKAGES}
     # Each brings its own GDAL.
     versions["gdal (rasterio)"] = str(rasterio.__gdal_version__)
@@ -118,7 +118,7 @@ def software_versions() -> Mapping[str, str]:
 
 
 def plain(value: object, digits: int | None = None) -> Any:
-    """The value as JSON knows it: dataclasses as objects, arrays as lists, infinity as text.
+    """Return the value as JSON knows it: dataclasses as objects, arrays as lists, infinity as text.
 
     With ``digits`` numbers are rounded to so many, and None stands for what is no finite one.
     TypeError if there is no such form.
@@ -146,7 +146,7 @@ def plain(value: object, digits: int | None = None) -> Any:
 
 
 def _input_entries(given: Input, base: Path) -> list[dict[str, object]]:
-    """Name and digest of an input, and of what belongs to it."""
+    """Return the name and digest of an input, and of what belongs to it."""
     if isinstance(given, InMemory):
         return [{"path": given.name, "size": None, "sha256": given.digest}]
     return [_described(file, seen_from(base, file)) for file in files_of(given)]

@@ -22,7 +22,7 @@ _PLACE = ("y", "x")
 def maps_dataset(
     layers: Sequence[RasterLayer], grid: Grid, attributes: Mapping[str, object]
 ) -> xr.Dataset:
-    """Maps on a grid; NaN where they say nothing.
+    """Return maps on a grid; NaN where they say nothing.
 
     A band has the name of its map, with its own where the map has several. Each variable has
     ``long_name``, ``units`` and ``comment`` (what its numbers mean: denominator, reference width),
@@ -71,7 +71,7 @@ def _coordinates(grid: Grid) -> dict[str, Any]:
 def with_sources(
     maps: xr.Dataset, sampled: Sequence[Sampled], energies_kj: np.ndarray, ref_width_m: float
 ) -> xr.Dataset:
-    """The maps with the counts that hazard curves are made of, by source, cell and energy.
+    """Return the maps with the counts that hazard curves are made of, by source, cell and energy.
 
     A source for which no frequency is stated has NaN. The energies, float64 of shape (n,), are
     those of the counts.

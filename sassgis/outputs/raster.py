@@ -1,4 +1,4 @@
-"""Maps as Cloud-Optimised GeoTIFF, whole or block by block, each with its QGIS style beside it."""
+"""Maps as Cloud-Optimised GeoTIFF, whole or block by block, each with its QGIS style next to it."""
 
 from __future__ import annotations
 
@@ -98,7 +98,7 @@ def _check_classes(layer: RasterLayer) -> None:
 
 
 def _number_type(layer: RasterLayer) -> tuple[str, float]:
-    """Type of the numbers in the file, and its nodata."""
+    """Return the type of the numbers in the file, and its nodata."""
     if not layer.classes:
         return "float32", NODATA
     held = [np.array([0, *(entry.value for entry in layer.classes)], float)]
@@ -116,7 +116,7 @@ def _number_type(layer: RasterLayer) -> tuple[str, float]:
 
 
 def _frame_of(layer: RasterLayer, grid: Grid, number_type: str, nodata: float) -> dict[str, Any]:
-    """Size, type and place of the file of a map."""
+    """Return size, type and place of the file of a map."""
     return {
         "width": grid.shape[1], "height": grid.shape[0], "count": len(layer.bands),
         "dtype": number_type, "nodata": nodata, "crs": grid.crs or None,
@@ -125,7 +125,7 @@ def _frame_of(layer: RasterLayer, grid: Grid, number_type: str, nodata: float) -
 
 
 def _cog_options(layer: RasterLayer) -> dict[str, Any]:
-    """How GDAL makes the Cloud-Optimised GeoTIFF of a map."""
+    """Return GDAL's options for the Cloud-Optimised GeoTIFF of a map."""
     return {
         "driver": "COG",
         "compress": "DEFLATE",
@@ -138,7 +138,7 @@ def _cog_options(layer: RasterLayer) -> dict[str, Any]:
         # Of numbers the mean of the cells that have one, in the overview before; the most frequent
         # one takes three times as long, and is any of four that differ.
         "overview_resampling": "MODE" if layer.classes else "AVERAGE",
-        # Kept in the file, or QGIS would write an .aux.xml beside it.
+        # Kept in the file, or QGIS would write an .aux.xml next to it.
         "statistics": "YES",
         "bigtiff": "IF_SAFER",
     }
@@ -168,7 +168,7 @@ def _describe(dataset: Any, layer: RasterLayer, grid: Grid, number_type: str) ->
 
 
 def _stored(band: Band, number_type: str, nodata: float) -> NDArray[Any]:
-    """Values of a band as they are in the file."""
+    """Return values of a band as they are in the file."""
     return np.where(np.isfinite(band.values), band.values, nodata).astype(number_type)
 
 
@@ -270,7 +270,7 @@ class BlockMaps:
             if not whole:
                 between.unlink()
                 return
-        # Styles without limits of their own go from the smallest to the largest value.
+        # Styles without limits go from the smallest to the largest value.
         limits = np.array([self._limits.get(stem, (np.nan, np.nan))])
         layer = replace(layer, bands=(replace(layer.bands[0], values=limits), *layer.bands[1:]))
         _write_style(layer, target)

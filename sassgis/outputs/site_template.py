@@ -48,7 +48,7 @@ def site_template(
     dem: Path | None = None,
     overwrite: bool = False,
 ) -> Path:
-    """Write an empty GeoPackage of a site and, beside it, a QGIS project to draw in; returns that.
+    """Write an empty GeoPackage of a site and, next to it, a QGIS project to draw in; returns that.
 
     The path ends in ``.gpkg``; the project has the same name with ``.qgz``. ``crs`` is a projected
     system in metres, such as "EPSG:2056", by default that of the terrain model, in place of which
@@ -103,7 +103,7 @@ def site_template(
 
 
 def _plane(text: str) -> pyproj.CRS:
-    """The plane part of a projected system in metres."""
+    """Return the plane part of a projected system in metres."""
     system = crs_parts(parse_crs(text, field="--crs"))[0]
     if not system.is_projected or system.axis_info[0].unit_name not in ("metre", "meter"):
         problem, found = "is not a projected system in metres", str(system.name)
@@ -113,7 +113,7 @@ def _plane(text: str) -> pyproj.CRS:
 
 
 def _area_of_use(system: pyproj.CRS) -> tuple[float, float, float, float]:
-    """Where the system is meant to be used, in its own coordinates."""
+    """Return the area of use of the system, in its coordinates."""
     area = system.area_of_use
     if area is None:
         return (0.0, 0.0, 1000.0, 1000.0)
@@ -126,7 +126,7 @@ def _area_of_use(system: pyproj.CRS) -> tuple[float, float, float, float]:
 def write_rockyfor3d_site(
     file: Path, folder: Path, assignments: Sequence[str] = (), overwrite: bool = False
 ) -> tuple[list[Path], list[str]]:
-    """Write a configuration from a folder of Rockyfor3D, and beside it what it is made into.
+    """Write a configuration from a folder of Rockyfor3D, and next to it what it is made into.
 
     Assignments are keys that the user sets, as ``terrain.crs=EPSG:2056``. Files that are there
     already are replaced with ``overwrite`` only. Returns the files, and what their user must know
@@ -155,7 +155,7 @@ def write_rockyfor3d_site(
 
 
 def sample_folder() -> Path:
-    """Folder of the samples: in the installed package, or beside it in a source tree.
+    """Return the folder of the samples: in the installed package, or next to it in a source tree.
 
     Raises
     ------

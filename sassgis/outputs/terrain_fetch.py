@@ -63,7 +63,7 @@ class TileOffer:
 
 
 def read_search_area(file: Path, layer: str | None = None) -> Any:
-    """The polygons of a file, or of a layer of it, as one geometry in WGS 84 (degrees)."""
+    """Return the polygons of a file, or of a layer of it, as one geometry in WGS 84 (degrees)."""
     frame: gpd.GeoDataFrame = open_layer(file, layer, "polygon", {})
     if frame.crs is None:
         raise InputError(
@@ -87,7 +87,7 @@ def find_tiles(
     collection: str = COLLECTION,
     timeout_s: float = 30.0,
 ) -> tuple[TileOffer, ...]:
-    """The tiles over an area, of each the newest edition, by place.
+    """Return the tiles over an area, of each the newest edition, by place.
 
     The area is a shapely geometry in longitude and latitude, the resolution the size of the cells
     (m). InputError if there are none, or the server cannot be asked.
@@ -116,7 +116,7 @@ def find_tiles(
 
 
 def _items(url: str, bounds: Sequence[float], timeout_s: float) -> list[dict[str, Any]]:
-    """The items in a rectangle, of all pages, as plain values."""
+    """Return the items in a rectangle, of all pages, as plain values."""
     _check_address(url)
     try:
         from pystac_client import ItemSearch
@@ -151,7 +151,7 @@ def _check_address(url: str) -> None:
 
 
 def _refusal(url: str, code: int | None, reason: str) -> InputError:
-    """One line for a server that refuses (an HTTP code) or cannot be reached (none)."""
+    """Return one line for a server that refuses (an HTTP code) or cannot be reached (none)."""
     if code is None:
         return InputError(
             f"no answer from {urlsplit(url).netloc}", file=url, found=reason[:160],
@@ -165,7 +165,7 @@ def _refusal(url: str, code: int | None, reason: str) -> InputError:
 
 
 def _offers(item: dict[str, Any], url: str) -> Iterator[TileOffer]:
-    """The rasters of an item."""
+    """Yield the rasters of an item."""
     properties, identity = item.get("properties", {}), str(item.get("id", ""))
     known = _ITEM_NAME.match(identity)
     date = str(properties.get("datetime") or properties.get("start_datetime") or "")[:10]
@@ -273,7 +273,7 @@ def _download(offer: TileOffer, part: Path, timeout_s: float) -> str:
 
 
 def _damage(offer: TileOffer, file: Path) -> str:
-    """What is wrong with a file; empty if nothing is."""
+    """Describe what is wrong with a file; empty if nothing is."""
     if offer.checksum.startswith(_SHA256):
         want = offer.checksum.removeprefix(_SHA256)
         with file.open("rb") as stream:
@@ -292,7 +292,7 @@ def _damage(offer: TileOffer, file: Path) -> str:
 def write_vrt(file: Path, terrain: Terrain) -> Path:
     """Write a virtual raster, which ends in ``.vrt``, over the tiles of a terrain model.
 
-    Paths in it are relative to it. The tiles have square cells, as ``open_tiles`` gives them. One
+    Paths in it are relative to it. The tiles have square cells, as ``open_tiles`` returns them. One
     that is there already is replaced; OutputError if it has changed since it was written.
     """
     sources = []

@@ -83,7 +83,7 @@ def export_view(result_folder: Path, target: Path, layer: str, *, overwrite: boo
 
 
 def _as_kml(frame: gpd.GeoDataFrame, layer: str, fill: list[str]) -> gpd.GeoDataFrame:
-    """Columns under readable names with their units, and what KML has elements for."""
+    """Return columns under readable names with their units, and what KML has elements for."""
     names = {c: _readable(c) for c in frame.columns if c != frame.geometry.name}
     shown = frame.rename(columns=names)
     if layer == "paths":
@@ -105,7 +105,7 @@ _UNITS = {"m2": "m²", "m": "m", "kj": "kJ", "mps": "m/s", "kg": "kg"}
 
 
 def _readable(column: str) -> str:
-    """``max_energy_kj`` is "max energy (kJ)"."""
+    """Name ``max_energy_kj`` as "max energy (kJ)"."""
     words = column.split("_")
     unit = _UNITS.get(words[-1]) if len(words) > 1 else None
     return " ".join(words) if unit is None else f"{' '.join(words[:-1])} ({unit})"

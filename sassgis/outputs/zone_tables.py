@@ -27,7 +27,7 @@ from sassgis.terrain.moved_lines import mean_height_m, moved_lines
 
 
 def source_table(sampled: Sequence[Sampled]) -> pd.DataFrame:
-    """Release area, scenario, onset frequency and the blocks behind it."""
+    """Return release area, scenario, onset frequency and the blocks behind it."""
     columns = {
         "area": "source.area",
         "scenario": "source.scenario",
@@ -44,7 +44,7 @@ def design_table(
     return_periods_years: Sequence[float],
     confidence: float = 0.95,
 ) -> pd.DataFrame:
-    """What reaches each station and barrier line without barriers, by residual frequency.
+    """Tabulate what reaches each station and barrier without barriers, by residual frequency.
 
     A value is empty where blocks arrive less often than its return period asks for, a limit
     (``low``, ``high``) where the sample of blocks has none.
@@ -78,7 +78,7 @@ def design_tables(
     return_periods_years: Sequence[float],
     confidence: float = 0.95,
 ) -> tuple[pd.DataFrame, pd.DataFrame]:
-    """What reaches each line, and its copies along the slope where they were simulated."""
+    """Tabulate what reaches each line, and its copies along the slope where simulated."""
     copies = moved_lines(grid, lines)
     sums = without_barriers[0].control_lines.control_lines if without_barriers else ()
     if len(sums) < len(lines) + len(copies):
@@ -98,7 +98,7 @@ def design_tables(
 def places_table(
     design: pd.DataFrame, moved: Sequence[tuple[str, float, float]], released_per_year: float
 ) -> pd.DataFrame:
-    """What reaches each line and its copies along the slope.
+    """Tabulate what reaches each line and its copies along the slope.
 
     ``design`` is the design_table of the lines and their copies; ``moved`` says for each row the
     line, how far downslope it was moved, and the mean height of the ground there (m).
@@ -119,7 +119,7 @@ def protection_table(
     density_kgm3: float,
     confidence: float = 0.95,
 ) -> pd.DataFrame:
-    """What a net at each line must be, and what goes on behind the barriers there are.
+    """Tabulate what a net at each line must be, and what passes the existing barriers.
 
     A row for each line and return period. Heights hold the whole block: the passing height and the
     diameter of the block whose mass comes as rarely, as a sphere of a density.
@@ -156,16 +156,16 @@ def protection_table(
 
 
 def _limited(curve: Arrivals, rate: float, confidence: float) -> tuple[float, ...]:
-    """The value at a rate and its limits."""
+    """Return the value at a rate and its limits."""
     return value_at_rate(curve, rate), *value_limits(curve, rate, confidence)
 
 
 def _named(key: str, values: Sequence[float]) -> dict[str, object]:
-    """A value and its limits as columns."""
+    """Return a value and its limits as columns."""
     ends = ("", "_low", "_high")
     return {f"{key}{end}": rounded(v, 4) for end, v in zip(ends, values, strict=True)}
 
 
 def layer_table(layer: VectorLayer) -> pd.DataFrame:
-    """The attributes of a layer."""
+    """Return the attributes of a layer."""
     return pd.DataFrame(layer.frame.drop(columns="geometry"))

@@ -47,7 +47,7 @@ _MEANING = ReportAnswer(
 
 
 def verdict(calibration: SiteCalibration) -> str:
-    """The result in a few sentences; the first says which ground to run."""
+    """Return the result in a few sentences; the first says which ground to run."""
     told = [f for f in calibration.fitted if f.identified]
     text = "{} rocks identify {} of {} parameters and {} combinations of them."
     numbers = calibration.rocks, len(told), len(calibration.fitted), calibration.combinations
@@ -62,7 +62,7 @@ def verdict(calibration: SiteCalibration) -> str:
 
 
 def calibration_warnings(calibration: SiteCalibration) -> list[str]:
-    """What a reader must know before the classes are used; the findings first."""
+    """Warn of what a reader must know before the classes are used; the findings first."""
     many = len(calibration.sites) > 1
     # The recommendation states the gain at one site.
     out = [f.text for f in calibration.findings if many or f.kind != "gain"]

@@ -147,7 +147,7 @@ def _facts(result: StoredResult) -> list[tuple[str, Cell]]:
     facts: list[tuple[str, Cell]] = [
         ("folder", named(result.folder.name)),
         ("program", phrase("sassgis {}, seed {}", manifest["sassgis"], manifest["seed"])),
-        # A mosaic of several blocks counts those of its areas alone.
+        # A mosaic of several blocks counts only those of its areas.
         ("simulated blocks", counts.get("rocks_simulated", counts["rocks"])),
     ]
     if manifest["preset"]:
@@ -188,7 +188,7 @@ def _key_table(change: ResultChange) -> ReportTable:
 def _at_places(
     title: str, rows: Sequence[ChangeRow], levels: Mapping[float, str], note: str = ""
 ) -> ReportTable:
-    """A row for each place, two columns for each quantity; levels by their names."""
+    """Return a row for each place, two columns for each quantity; levels by their names."""
     quantities = {r.quantity: _UNITS.get(r.unit, r.unit) for r in rows}
     found = {(r.name, r.quantity): r for r in rows}
     columns: list[tuple[str, str]] = [("name", "")]

@@ -22,7 +22,7 @@ MOST_ROWS = 40
 
 
 def map_objects(placed: PlacedObjects) -> list[MapObject]:
-    """Exposed objects for drawing: the stretches of a road or line as one."""
+    """Return exposed objects for drawing: the stretches of a road or line as one."""
     return [
         (name, shapely.union_all([placed.geometries[i] for i in own]))
         for name, own in placed.wholes.items()
@@ -32,7 +32,10 @@ def map_objects(placed: PlacedObjects) -> list[MapObject]:
 def levels_of(
     placed: PlacedObjects, zones: Coverage, levels: Sequence[HazardLevel]
 ) -> dict[str, str]:
-    """The highest level of the zones that each object touches, by its name; "none" outside all."""
+    """Return the highest level of the zones that each object touches, by its name.
+
+    It is "none" outside all zones.
+    """
     highest = np.full(len(placed), -1)
     if len(placed) and zones.polygons.size:
         tree = shapely.STRtree(zones.polygons)
@@ -45,7 +48,7 @@ def levels_of(
 def exposed_table(
     placed: PlacedObjects, values: ObjectValues, levels: Mapping[str, str]
 ) -> ReportTable:
-    """What reaches all exposed objects; the largest energy first.
+    """Tabulate what reaches all exposed objects, the largest energy first.
 
     ``levels`` are those of :func:`levels_of`, empty without zones.
     """
@@ -78,7 +81,7 @@ def exposed_table(
 
 
 def most_exposed(exposed: ReportTable) -> ReportTable:
-    """The first rows of the table of exposed objects, as many as a page can show."""
+    """Return the first rows of the table of exposed objects, as many as a page can show."""
     count = len(exposed.rows)
     if count <= MOST_ROWS:
         return exposed
@@ -88,7 +91,7 @@ def most_exposed(exposed: ReportTable) -> ReportTable:
 
 
 def with_limits(value: float, low: float, high: float) -> Cell:
-    """A value with its limits, in words; None where there is none."""
+    """Return a value with its limits, in words; None where there is none."""
     if not np.isfinite(value):
         return None
     most = sensible(high) if np.isfinite(high) else phrase("more")
@@ -96,5 +99,5 @@ def with_limits(value: float, low: float, high: float) -> Cell:
 
 
 def limited(row: pd.Series, column: str) -> Cell:
-    """A value of a table with its limits, which have columns of their own."""
+    """Return a value of a table with its limits, which have separate columns."""
     return with_limits(*row[[column, f"{column}_low", f"{column}_high"]].astype(float))

@@ -1,4 +1,4 @@
-"""What a diagnosis answers, in sentences."""
+"""Answer of a diagnosis, in sentences."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ MATTERS = ("speed_mps", "runout_m", "energy_kept", "height_m", "rotation_hz", "l
 
 
 def verdict_sentence(diagnosis: Diagnosis) -> Phrase:
-    """The answer in one or two sentences."""
+    """Return the answer in one or two sentences."""
     verdict = diagnosis.verdict
     out = [_named(diagnosis)]
     if verdict.confidence >= 0.0:
@@ -46,20 +46,20 @@ def verdict_sentence(diagnosis: Diagnosis) -> Phrase:
 
 
 def _scaled(named: Hypothesis | None) -> list[Phrase]:
-    """By what factor speeds were observed, if that is no chance."""
+    """Return the factor by which speeds were observed, if that is no chance."""
     scale = None if named is None else named.parameters.get("scale")
     low, high = (1.0, 1.0) if named is None else named.intervals.get("scale", (1.0, 1.0))
     if scale is None or low <= 1.0 <= high:
         return []
     if low == high:
-        # Taken from the observations alone.
+        # Taken only from the observations.
         return [phrase("Observed speeds are {} times the true ones.", sensible(scale))]
     said = "Observed speeds are {} times those that fit (95 %: {})."
     return [phrase(said, sensible(scale), interval_text((low, high)))]
 
 
 def _unseen(verdict: Verdict) -> Phrase:
-    """Causes that the data could not show."""
+    """Return causes that the data could not show."""
     names = effect_names(verdict.cannot_exclude)
     return phrase("These data cannot show or exclude: {}.", names)
 
@@ -97,7 +97,7 @@ def _named(diagnosis: Diagnosis) -> Phrase:
 
 
 def answer(diagnosis: Diagnosis) -> tuple[ReportAnswer, ...]:
-    """What the diagnosis says, in sentences."""
+    """Put the result of the diagnosis into sentences."""
     return (
         _why(diagnosis),
         _confused(diagnosis),
@@ -145,7 +145,7 @@ def _why(diagnosis: Diagnosis) -> ReportAnswer:
 
 
 def _stretches(segments: Iterable[str]) -> list[str]:
-    """Reaches that follow each other, as one."""
+    """Return reaches that follow each other, as one."""
     out: list[str] = []
     for own in segments:
         before, (upper, _, lower) = out[-1] if out else "", own.partition("-")
@@ -158,7 +158,7 @@ def _stretches(segments: Iterable[str]) -> list[str]:
 
 
 def hypothesis_of(which: Iterable[Hypothesis], effect: str) -> Hypothesis | None:
-    """The hypothesis of an effect; None if it was not tried."""
+    """Return the hypothesis of an effect; None if it was not tried."""
     return next((c for c in which if c.effect == effect), None)
 
 
@@ -186,12 +186,12 @@ def _confused(diagnosis: Diagnosis) -> ReportAnswer:
 
 
 def effect_names(effects: Iterable[str]) -> Phrase:
-    """Names of causes, in a row."""
+    """Return names of causes, in a row."""
     return joined(", ", map(effect_name, effects))
 
 
 def finding_sentence(finding: GapFinding) -> Phrase:
-    """A finding as a reader wants it: where, what, how much, how sure."""
+    """Return a finding as a reader wants it: where, what, how much, how sure."""
     more = phrase("more" if finding.gap > 0.0 else "less")
     low, high = sorted(abs(v) for v in finding.ci95)
     both = finding.ci95[0] * finding.ci95[1] > 0.0
@@ -241,7 +241,7 @@ def _where(findings: tuple[GapFinding, ...]) -> ReportAnswer:
 
 
 def _one_per_quantity(findings: Iterable[GapFinding]) -> list[GapFinding]:
-    """The most certain finding of each quantity; those that matter most for the hazard first."""
+    """Return most certain finding of each quantity; those that matter most for the hazard first."""
     found: dict[str, GapFinding] = {}
     for finding in sorted(findings, key=lambda f: f.p_adjusted):
         found.setdefault(finding.quantity, finding)
@@ -291,7 +291,7 @@ def _how_far(shrinkage: Shrinkage, verdict: Verdict) -> ReportAnswer:
 
 
 def _span(shrinkage: Shrinkage) -> Phrase:
-    """The interval of a share, in brackets."""
+    """Return the interval of a share, in brackets."""
     if shrinkage.ci95 is None:
         return phrase("")
     return phrase(" (95 % interval {} to {})", *map(_share, shrinkage.ci95))
@@ -307,11 +307,11 @@ def _share(value: float) -> str:
 
 
 def interval_text(span: tuple[float, float], digits: int = 3) -> Phrase:
-    """An interval, low to high."""
+    """Return an interval, low to high."""
     # Not to be broken at the end of a line.
     return phrase("{}\u00a0to\u00a0{}", *(sensible(v, digits) for v in span))
 
 
 def p_text(value: float) -> str:
-    """A p-value, or that it is below a thousandth."""
+    """Return a p-value, or that it is below a thousandth."""
     return "< 0.001" if value < 0.001 else f"{value:.2g}"

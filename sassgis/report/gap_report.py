@@ -61,7 +61,7 @@ _ROWS = 40
 
 
 def report_warnings(case: Case, diagnosis: Diagnosis) -> list[str]:
-    """What a reader must know before trusting the answer."""
+    """Warn of what a reader must know before trusting the answer."""
     out: list[str] = []
     verdict = diagnosis.verdict
     if diagnosis.rocks < FEW_ROCKS:
@@ -97,7 +97,7 @@ def report_warnings(case: Case, diagnosis: Diagnosis) -> list[str]:
 
 
 def headline(findings: Iterable[GapFinding]) -> GapFinding | None:
-    """The finding whose quantity the map shows.
+    """Return the finding whose quantity the map shows.
 
     Of quantities that differ from chance somewhere along the fall lines the one that matters most
     for the hazard; if there is none, the most certain.
@@ -120,7 +120,7 @@ def headline(findings: Iterable[GapFinding]) -> GapFinding | None:
 def map_parts(
     case: Case, diagnosis: Diagnosis
 ) -> tuple[list[FloatArray], list[GapStretch], dict[str, GapStretch], GapFinding | None]:
-    """Fall lines, coloured stretches and stations of the map, and the finding that heads it."""
+    """Return fall lines, coloured stretches and stations of the map, and its main finding."""
     end = 1.1 * observed_end(case)
     lines = [line_stretch(case.traces, i, 0.0, end) for i in used_lines(case)]
     first = headline(diagnosis.where)
@@ -142,8 +142,9 @@ def map_parts(
 
 
 def _one_per_place(findings: Iterable[GapFinding], first: GapFinding | None) -> list[GapFinding]:
-    """Findings of the quantity that heads the map: of each place the phase that heads it, or else
-    the most certain.
+    """Keep findings of the map's main quantity, one for each place.
+
+    It is that of the phase that heads the map, or else the most certain.
     """
     if first is None:
         return []
@@ -235,7 +236,7 @@ def gap_figures(case: Case, diagnosis: Diagnosis, folder: Path) -> list[ReportFi
 
 
 def gap_tables(case: Case, diagnosis: Diagnosis) -> list[ReportTable]:
-    """Tables of a diagnosis: where, which, how far, calibrated ground, data."""
+    """Return tables of a diagnosis: where, which, how far, calibrated ground, data."""
     named = hypothesis_of(diagnosis.which, diagnosis.verdict.effect)
     parameters = {} if named is None else named.parameters
     return [

@@ -41,8 +41,8 @@ _SHOWN = ("hazard_level", "energy", "reach_probability", "passing_height", "retu
 _COUNTS = (("passages", "passages"), ("reach_probability", "reach"), ("stops", "stops"))
 _QUANTILES = ("energy", "passing_height", "speed")
 _BANDS = ("q50", "q95", "max")
-#: Sources that are named of a cell; energies of a curve; dots of a picture; cells that are told
-#: apart.
+#: Sources that are named of a cell; energies of a curve; dots of a picture; cells that are
+#: distinguished.
 _SOURCES, _ENERGIES, _DOTS, _CELLS = 3, 12, 1200, 120_000
 #: Dots from one stripe of a hatched class to the next.
 _STRIPE = 6
@@ -55,7 +55,7 @@ Rows = tuple[tuple[str, str], ...]
 
 @dataclass(frozen=True, slots=True)
 class Contribution:
-    """What comes from one source: how often, or how many of the simulated blocks, by cell."""
+    """Contribution of one source: how often, or how many of the simulated blocks, by cell."""
 
     area: str
     scenario: str
@@ -65,7 +65,7 @@ class Contribution:
 
 @dataclass(frozen=True, slots=True)
 class PlaceFacts:
-    """What is known of an object, a station or a barrier."""
+    """Facts about an object, a station or a barrier."""
 
     rows: Rows = ()  # said in a table
     curve: Sequence[tuple[float, float]] = ()  # energy (kJ), blocks a year with at least that
@@ -73,7 +73,7 @@ class PlaceFacts:
 
 @dataclass(frozen=True, slots=True)
 class MapHazard:
-    """What a zoning says of cells and zones."""
+    """Cells and zones of a zoning."""
 
     preset: HazardPreset
     curves: HazardCurves
@@ -87,7 +87,7 @@ class MapHazard:
 
 @dataclass(frozen=True, slots=True)
 class MapPage:
-    """What is on the page."""
+    """Contents of the page."""
 
     title: str
     run: MapRun
@@ -139,7 +139,7 @@ def write_map_page(file: Path, page: MapPage) -> None:
 
 
 def _library(name: str) -> str:
-    """A file of the map library, read without importing it, which takes setuptools."""
+    """Return a file of the map library, read without importing it, which takes setuptools."""
     place = distribution("XStatic-Leaflet").locate_file(f"xstatic/pkg/leaflet/data/{name}")
     return Path(str(place)).read_text(encoding="utf-8")
 
@@ -207,7 +207,7 @@ def _png(image: NDArray[Any]) -> bytes:
 
 
 def _map(layer: RasterLayer, view: MapView) -> dict[str, Any]:
-    """A map as a picture with its legend, the highest class first."""
+    """Return a map as a picture with its legend, the highest class first."""
     values = view.cut(shown_values(layer.bands[0]))
     striped = {float(c.value) for c in layer.classes if c.hatched}
     if layer.classes:
@@ -242,7 +242,7 @@ def _map(layer: RasterLayer, view: MapView) -> dict[str, Any]:
 
 
 def _cells(page: MapPage, by_stem: Mapping[str, RasterLayer]) -> dict[str, Any]:
-    """What is said of each cell that blocks reach."""
+    """Return the values on the page of each cell that blocks reach."""
     shape = page.run.grid.shape
     of_blocks = np.nan_to_num(by_stem["passages"].bands[0].values.ravel().astype(np.float64))
     rate = np.zeros(of_blocks.size)
@@ -287,20 +287,20 @@ def _cells(page: MapPage, by_stem: Mapping[str, RasterLayer]) -> dict[str, Any]:
 
 
 def _band(layer: RasterLayer, name: str, cells: IntArray) -> FloatArray:
-    """Values of a band at some cells; 0 where there is none."""
+    """Return values of a band at some cells; 0 where there is none."""
     band = next(b for b in layer.bands if b.name == name)
     return np.nan_to_num(band.values.ravel()[cells].astype(np.float64))
 
 
 def _squares(cells: IntArray, shape: tuple[int, int], factor: int) -> IntArray:
-    """In which square of so many cells each cell lies, counted row by row."""
+    """Find in which square of so many cells each cell lies, counted row by row."""
     row, col = np.divmod(cells, shape[1])
     numbers: IntArray = (row // factor) * -(-shape[1] // factor) + col // factor
     return numbers
 
 
 def _strongest(strength: FloatArray, shape: tuple[int, int], factor: int) -> IntArray:
-    """The cell of the largest strength of each square of so many cells that has any."""
+    """Return the cell of the largest strength of each square of so many cells that has any."""
     cells = np.flatnonzero(strength > 0.0)
     if factor == 1:
         return cells
@@ -314,7 +314,7 @@ def _strongest(strength: FloatArray, shape: tuple[int, int], factor: int) -> Int
 def _hazard(
     hazard: MapHazard | None, by_stem: Mapping[str, RasterLayer], cells: IntArray
 ) -> dict[str, Any] | None:
-    """Curve, level and certainty of each cell."""
+    """Return curve, level and certainty of each cell."""
     if hazard is None:
         return None
     curves = hazard.curves
@@ -341,14 +341,14 @@ def _hazard(
 
 
 def _curve_energies(hazard: MapHazard) -> list[float]:
-    """Energies of the curves on the page: evenly chosen, the thresholds among them."""
+    """Return energies of the curves on the page: evenly chosen, the thresholds among them."""
     known = hazard.curves.energies_kj
     even = known[np.unique(np.linspace(0, known.size - 1, _ENERGIES).round().astype(int))]
     return sorted({*even.tolist(), *map(float, hazard.preset.thresholds_kj)})
 
 
 def _curve_facts(hazard: MapHazard | None) -> dict[str, Any] | None:
-    """What the curves of all cells have in common."""
+    """Return the facts common to the curves of all cells."""
     if hazard is None:
         return None
     preset = hazard.preset
@@ -367,7 +367,7 @@ def _curve_facts(hazard: MapHazard | None) -> dict[str, Any] | None:
 def _shares(
     contributions: Sequence[Contribution], cells: IntArray
 ) -> tuple[NDArray[np.uint16], NDArray[np.uint16]]:
-    """The sources that most comes from at each cell, and their shares in thousandths."""
+    """Return the sources that most comes from at each cell, and their shares in thousandths."""
     best = np.zeros((cells.size, _SOURCES))
     which = np.zeros((cells.size, _SOURCES), np.uint16)
     total = np.zeros(cells.size)
@@ -398,7 +398,7 @@ def _shares(
 
 
 def _logarithm(values: FloatArray) -> NDArray[np.uint16]:
-    """Values as steps of their logarithm; 0 for what is not above 0."""
+    """Return values as steps of their logarithm; 0 for what is not above 0."""
     above = values > 0.0
     power = np.log10(np.where(above, values, 1.0)) - _LEAST
     steps = np.clip(np.rint(_STEPS * power), 0.0, 65_534.0)
@@ -406,7 +406,7 @@ def _logarithm(values: FloatArray) -> NDArray[np.uint16]:
 
 
 def _packed(values: NDArray[Any]) -> str:
-    """Numbers of a type that the page knows, compressed, as text."""
+    """Return numbers of a type that the page knows, compressed, as text."""
     plain = values.astype(values.dtype.newbyteorder("<")).tobytes()
     return base64.b64encode(zlib.compress(plain, 9)).decode("ascii")
 
@@ -418,7 +418,10 @@ def _packed(values: NDArray[Any]) -> str:
 def _shape(
     kind: str, name: str, geometry: Any, rows: Rows, colour: str = "", curve: Iterable[Any] = ()
 ) -> dict[str, Any]:
-    """A geometry with what is said of it; lines, rings of polygons with their holes, points."""
+    """Return a geometry with what is said of it.
+
+    Geometries are lines, rings of polygons with their holes, or points.
+    """
     parts = []
     for part in shapely.get_parts(geometry):
         if isinstance(part, shapely.Polygon):
@@ -440,7 +443,7 @@ def _points(geometry: Any) -> list[list[float]]:
 
 
 def _shapes(page: MapPage) -> list[dict[str, Any]]:
-    """Zones, release areas, objects, stations and barriers: what lies on top comes last."""
+    """Return zones, release areas, objects, stations and barriers: what lies on top comes last."""
     found = []
     if page.hazard is not None:
         levels = page.hazard.preset.levels

@@ -37,7 +37,7 @@ from sassgis.terrain.plan import Plan
 
 
 def release_outlines(run: MapRun) -> list[FloatArray]:
-    """Coordinates of the release areas, for drawing."""
+    """Return coordinates of the release areas, for drawing."""
     parts = [part for area in run.areas for part in shapely.get_parts(area.geometry)]
     return [
         shapely.get_coordinates(p.exterior if isinstance(p, shapely.Polygon) else p) for p in parts
@@ -45,13 +45,13 @@ def release_outlines(run: MapRun) -> list[FloatArray]:
 
 
 def map_marks(run: MapRun, objects: Sequence[MapObject]) -> figures.MapMarks:
-    """Release areas, control lines and exposed objects, for drawing."""
+    """Return release areas, control lines and exposed objects, for drawing."""
     control_lines = [(line.name, line.kind, trace) for line, trace in run.control_lines]
     return figures.MapMarks(release_outlines(run), control_lines=control_lines, objects=objects)
 
 
 def line_figure(shown: LinePaths) -> Figure:
-    """The profile of one line with the paths of its blocks."""
+    """Return the profile of one line with the paths of its blocks."""
     s, z = shown.s, shown.z
     reach = s <= max(float(shown.stops.max()) + 30.0, s[1])
     last = max(int(reach.sum()), 2)
@@ -95,14 +95,14 @@ def station_figures(
 
 
 def runout_drawn(progress: Progress) -> Figure:
-    """Run-out by reason, from counts by whole metres."""
+    """Return run-out by reason, from counts by whole metres."""
     edges = np.arange(progress.runout.shape[1] + 1, dtype=float)
     counts = {r: progress.runout[r] for r in StopReason}
     return figures.runout_figure(edges, counts, title="Run-out along the paths")
 
 
 def stopping_reasons(counts: IntArray) -> ReportTable:
-    """How many blocks stop for which reason; ``counts`` by StopReason."""
+    """Tabulate how many blocks stop for which reason; ``counts`` by StopReason."""
     total = max(int(counts.sum()), 1)
     return table_of(
         "Reasons for stopping",
@@ -134,7 +134,7 @@ _CONTROL_LINE_TABLES = (
 
 
 def control_line_tables(control_lines: ControlLineSums) -> list[ReportTable]:
-    """Statistics at stations and barriers, for the report."""
+    """Return statistics at stations and barriers, for the report."""
     tables = []
     for title, columns, keys, note in _CONTROL_LINE_TABLES:
         rows = [
@@ -165,7 +165,7 @@ def _block_table(run: MapRun) -> ReportTable:
 
 
 def _ground_table(run: MapRun, reached: IntArray) -> ReportTable:
-    """The ground classes of the cells that blocks reach."""
+    """Return the ground classes of the cells that blocks reach."""
     return table_of(
         "Ground classes",
         "class; η max; Δp/p; μ_f; μ_0; k; d* | m; e; v of e/2 | m/s; rolling threshold; "
@@ -219,7 +219,7 @@ def _pictures(
 
 
 def _blocks_words(run: MapRun, planned: Plan, progress: Progress) -> str:
-    """How many blocks were simulated, and how they are shared out among the release points."""
+    """State how many blocks were simulated, and how they are shared among release points."""
     repetitions = planned.repetitions or (run.repetitions,)
     least, most = min(repetitions), max(repetitions)
     times = f"{most}" if least == most else phrase("{} to {}", least, most)

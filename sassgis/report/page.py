@@ -34,7 +34,7 @@ class ReportFigure:
 
 
 def heads(columns: str) -> tuple[tuple[str, str], ...]:
-    """Name and unit of the columns of a table, from "station; speed | m/s"."""
+    """Return the name and unit of the columns of a table, from "station; speed | m/s"."""
     parts = (column.partition("|") for column in columns.split(";"))
     return tuple((name.strip(), unit.strip()) for name, _, unit in parts)
 
@@ -63,7 +63,7 @@ def table_of(
     rows: Iterable[Iterable[Cell]],
     note: str = "",
 ) -> ReportTable:
-    """A table; its columns as for :func:`heads`, or name and unit of each."""
+    """Return a table; its columns as for :func:`heads`, or name and unit of each."""
     named = heads(columns) if isinstance(columns, str) else tuple(columns)
     return ReportTable(title, named, tuple(map(tuple, rows)), note)
 
@@ -135,7 +135,7 @@ def sensible(value: Cell, digits: int = 3) -> str:
 
 
 def number_columns(table: ReportTable) -> tuple[bool, ...]:
-    """Whether each column of a table holds numbers only, which are set flush right."""
+    """Return whether each column of a table holds numbers only, which are set flush right."""
     return tuple(
         any(cell is not None for cell in column)
         and not any(isinstance(cell, str | bool) for cell in column)
@@ -179,12 +179,15 @@ _FIRST = 5
 
 
 def first_warnings(warnings: Sequence[str]) -> tuple[str, ...]:
-    """The few warnings, in English, about what may make a result wrong: for the top of a page."""
+    """Return the few warnings, in English, about what may make a result wrong.
+
+    They are for the top of a page.
+    """
     return tuple(text for text in warnings if not describes_set_up(text))[:_FIRST]
 
 
 def translated_report(context: ReportContext) -> ReportContext:
-    """The report in the language in which the program writes; its title is the user's.
+    """Return the report in the language in which the program writes; its title is the user's.
 
     Of its warnings the first few about what may make the result wrong stay at the top.
     """
@@ -215,7 +218,7 @@ _AS_THEY_ARE = (
 
 
 def translated_table(table: ReportTable) -> ReportTable:
-    """A table of a report; sources stay in the words of their publication, names as given."""
+    """Return table of a report; sources stay in the words of their publication, names as given."""
     kept = [name in _AS_THEY_ARE for name, _ in table.columns]
     rows = tuple(
         tuple(

@@ -1,4 +1,4 @@
-"""Figures for a report: saved beside it, and what is seen in them in words."""
+"""Figures for a report: saved next to it, and what is seen in them in words."""
 
 from __future__ import annotations
 
@@ -22,14 +22,14 @@ from sassgis.settings.results import RasterLayer
 from sassgis.settings.styles import class_labels
 from sassgis.simulation.along_profile import LinePaths
 
-#: Set where the figures are drawn beside other work, which may fail or be stopped.
+#: Set where the figures are drawn next to other work, which may fail or be stopped.
 GIVEN_UP: ContextVar[Event | None] = ContextVar("given_up", default=None)
 
 
 def picture(
     folder: Path, name: str, title: str, caption: str, figure: Figure, alt: str = ""
 ) -> ReportFigure:
-    """Save a figure as ``<name>.png``, and give it as the report shows it.
+    """Save a figure as ``<name>.png``, and return it as the report shows it.
 
     CancelledError: nobody waits for figures any more.
     """
@@ -56,7 +56,7 @@ def map_pictures(
 
 
 def map_alt(grid: Grid, layer: RasterLayer) -> str:
-    """Classes of the first band with their areas, the highest first, and the largest value."""
+    """List classes of the first band with areas, the highest first, and the largest value."""
     band = layer.bands[0]
     values = shown_values(band)
     if layer.classes:
@@ -73,14 +73,14 @@ def map_alt(grid: Grid, layer: RasterLayer) -> str:
 
 
 def classes_alt(title: str, areas: Sequence[tuple[str, float]]) -> str:
-    """A map of classes, with their names and areas (m²)."""
+    """Return a map of classes, with their names and areas (m²)."""
     parts = [phrase("{} on {} m²", phrase(name), sensible(round(m2))) for name, m2 in areas if m2]
     shown = joined(", ", parts) if parts else phrase("no values")
     return phrase("Map over shaded relief, {}: {}.", phrase(title), shown)
 
 
 def path_alt(shown: LinePaths) -> str:
-    """A profile with paths of blocks."""
+    """Return a profile with paths of blocks."""
     end = float(shown.stops.max())
     low = float(np.interp(end, shown.s, shown.z))
     names = ", ".join(line.name for line, chainage in shown.control_lines if chainage <= end)
@@ -93,7 +93,7 @@ def path_alt(shown: LinePaths) -> str:
 
 
 def station_alt(row: Mapping[str, Any]) -> str:
-    """Histograms at a station or barrier; ``row`` of control_line_rows."""
+    """Return histograms at a station or barrier; ``row`` of control_line_rows."""
     keys = ("rocks", "speed_mps_q95", "rotation_hz_q95", "height_m_q95")
     return phrase(
         "Histograms of speed, rotation and passing height of {} blocks: 95 % of them below {} m/s, "

@@ -18,7 +18,7 @@ from sassgis.simulation.along_profile import STRETCH_M, ProfileResult
 
 
 def profile_panel(result: ProfileResult, title: str = "") -> figures.ProfilePanel:
-    """The slope with trajectories, control lines and stops, for one or several panels."""
+    """Return the slope with trajectories, control lines and stops, for one or several panels."""
     p = result.profile
     ended = np.concatenate([result.rocks, result.pieces])
     drawn = (ended["rock"] < result.drawn) & (ended["reason"] != StopReason.BROKEN)

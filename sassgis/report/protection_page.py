@@ -1,4 +1,4 @@
-"""Design of protection on a page of its own: a sheet of A4 for each wall, net and station.
+"""Design of protection on a separate page: a sheet of A4 for each wall, net and station.
 
 The words of the sheets are in ``data/protection.html.j2``.
 """
@@ -50,7 +50,7 @@ def protection_sheets(
     folder: Path,
     confidence: float,
 ) -> tuple[ProtectionSheet, ...]:
-    """The sheets of all lines; their figures go into a folder.
+    """Return the sheets of all lines; their figures go into a folder.
 
     The frames are those of ``tables/design.csv``, ``protection.csv`` and ``protection_places.csv``;
     ``given`` is what the values rest on, the same on all sheets.
@@ -92,10 +92,10 @@ def protection_sheets(
 
 
 def best_places(places: pd.DataFrame) -> tuple[pd.Series, pd.Series] | None:
-    """Where along the slope the least energy and the least height arrive, of 95 % of the blocks.
+    """Find where along the slope the least energy and height of 95 % of the blocks arrive.
 
     ``places`` as of places_table, for one line. Places upslope that fewer blocks reach than the
-    line itself are left out, as the others start below them or pass beside. None if there is
+    line itself are left out, as the others start below them or pass next to it. None if there is
     nothing to compare.
     """
     here = places[places["moved_m"] == 0.0]
@@ -108,7 +108,7 @@ def best_places(places: pd.DataFrame) -> tuple[pd.Series, pd.Series] | None:
 
 
 def needs_table(arriving: pd.Series, needs: pd.DataFrame, built: bool) -> ReportTable:
-    """What a line must take by return period; a dash where blocks come less often.
+    """Tabulate what a line must take by return period; a dash where blocks come less often.
 
     ``arriving`` is its row of ``tables/design.csv``, ``needs`` are those of ``protection.csv``;
     ``built`` if it is no station.
@@ -161,5 +161,5 @@ def write_protection_page(
 
 
 def _words(text: str, *parts: Cell) -> str:
-    """A sentence with its numbers in the language of the page."""
+    """Return a sentence with its numbers in the language of the page."""
     return translated(phrase(text, *(p if isinstance(p, str) else sensible(p) for p in parts)))

@@ -19,7 +19,7 @@ Lines = tuple[tuple[str, str], ...]
 
 
 def runout_words(counts: IntArray, text: str) -> str:
-    """Run-out of blocks that were counted in bins of 1 m, put into a text; empty for none."""
+    """Put the run-out of blocks, counted in bins of 1 m, into a text; empty for none."""
     if not counts.sum():
         return ""
     # Upper limits of the bins.
@@ -30,7 +30,7 @@ def runout_words(counts: IntArray, text: str) -> str:
 
 
 def run_lines(progress: Progress, angles: ReachAngles) -> Lines:
-    """Run-out of the blocks that started, and the angles under which their stops are seen."""
+    """State run-out of started blocks, and the angles under which their stops are seen."""
     text = "median {} m, 95 % of the blocks within {} m, longest {} m (along the path, in plan)"
     words = runout_words(progress.started_runout, text)
     lines = [("Run-out", words)] if words else []
@@ -55,7 +55,7 @@ def run_lines(progress: Progress, angles: ReachAngles) -> Lines:
 
 
 def profile_lines(result: ProfileResult) -> Lines:
-    """Where the blocks of a profile stop, and what passes its stations and meets its barriers."""
+    """State where the blocks of a profile stop, and what passes its stations and barriers."""
     # Of released blocks that started; one that a barrier stops has not come beyond it.
     started = result.rocks["reason"] != StopReason.NEVER_STARTED
     bins = np.maximum(np.ceil(result.rocks["runout_m"][started]) - 1.0, 0.0).astype(np.int64)
@@ -75,7 +75,7 @@ def profile_lines(result: ProfileResult) -> Lines:
 
 
 def object_lines(exposed: ReportTable) -> Lines:
-    """How many exposed objects blocks reach, and the one with the largest energy.
+    """State how many exposed objects blocks reach, and the one with the largest energy.
 
     ``exposed`` has all of them.
     """
@@ -93,7 +93,7 @@ def object_lines(exposed: ReportTable) -> Lines:
 def zone_lines(
     levels: ReportTable, found: Assessment, edge: str, confidence: float, currency: str
 ) -> Lines:
-    """Area of the zones by level, how sure they are, and the risk of all objects.
+    """Return the area of the zones by level, how sure they are, and the risk of all objects.
 
     ``edge`` is what is said of blocks that left the terrain model.
     """

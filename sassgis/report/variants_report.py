@@ -1,4 +1,4 @@
-"""What reports say of other values of the ground classes: a sensitivity, and their spread."""
+"""Report on other values of the ground classes: a sensitivity, and their spread."""
 
 from __future__ import annotations
 
@@ -104,7 +104,7 @@ def _key_table(runout: Sequence[RangeEffect], energy: dict[object, RangeEffect])
 
 
 def _effect_table(effects: Sequence[RangeEffect]) -> ReportTable:
-    """What of all other measures changes beyond chance, of each the largest change first."""
+    """Tabulate the other measures' changes beyond chance, of each the largest first."""
     order = {measure: i for i, measure in enumerate(dict.fromkeys(e.measure for e in effects))}
     return table_of(
         "Sensitivity to the ground",
@@ -128,7 +128,7 @@ def _effect_table(effects: Sequence[RangeEffect]) -> ReportTable:
 
 
 def spread_lines(spread: GroundSpread) -> Lines:
-    """What the spread does to run-out and levels, and how well it is known."""
+    """State what the spread does to run-out and levels, and how well it is known."""
     median, far = spread.band(MEDIAN), spread.band(FAR)
     text = (
         "with the spread of the ground classes between sites, the 90 % run-out lies between {} "
@@ -162,7 +162,7 @@ def spread_lines(spread: GroundSpread) -> Lines:
 
 
 def spread_table(spread: GroundSpread) -> ReportTable:
-    """All measures with their bands."""
+    """Return all measures with their bands."""
     return table_of(
         "Spread of the ground classes",
         "measure; unit; values of the classes; 10 % of the draws below; median; 90 % below",

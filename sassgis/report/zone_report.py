@@ -34,7 +34,7 @@ BARRIERS_TITLE = "Effect of walls and nets"
 
 
 def telling_place(hazard: Hazard) -> int | None:
-    """The place whose hazard curve is drawn: reached by the most sources, and then most often.
+    """Return place whose hazard curve is drawn: reached by the most sources, and then most often.
 
     Given as its position in ``curves.places``; None if no block arrives anywhere.
     """
@@ -48,7 +48,7 @@ def telling_place(hazard: Hazard) -> int | None:
 
 
 def curves_at(hazard: Hazard, place: int) -> dict[str, FloatArray]:
-    """Rate of each source at one place, by its label."""
+    """Return the rate of each source at one place, by its label."""
     out = {}
     cell = hazard.curves.places[place]
     for sampled in hazard.sampled:
@@ -181,7 +181,7 @@ def zone_figures(
 
 
 def _risk_figures(risk: RiskTable, currency: str, folder: Path) -> list[ReportFigure]:
-    """The objects with the largest loss and with most deaths, where there are any."""
+    """Return the objects with the largest loss and with most deaths, where there are any."""
     out = []
     per_year = phrase("{}/year", currency)
     for quantity, title, unit in (
@@ -214,7 +214,7 @@ def zone_tables(
     return_periods_years: Sequence[float],
     currency: str,
 ) -> tuple[ReportTable, ...]:
-    """Tables of a zoning besides that of the levels.
+    """Return tables of a zoning besides that of the levels.
 
     Frames are those of ``tables/sources.csv`` and ``design.csv``, return periods those of the
     design values.
@@ -276,7 +276,7 @@ def zone_tables(
 
 
 def level_table(preset: HazardPreset, found: Assessment) -> ReportTable:
-    """Zones and their area by hazard level."""
+    """Return zones and their area by hazard level."""
 
     def areas(coverage: Coverage) -> list[int]:
         return [
@@ -304,7 +304,7 @@ def level_table(preset: HazardPreset, found: Assessment) -> ReportTable:
 
 
 def zone_facts_of(rules: Rules) -> tuple[tuple[str, str], ...]:
-    """What the zones rest on, in words."""
+    """Describe what the zones rest on."""
     return (
         ("Rules", phrase("{} ({})", phrase(rules.preset.title), rules.preset.name)),
         ("Reference width of all frequencies", f"{rules.ref_width_m:.4g} m"),

@@ -156,7 +156,7 @@ def calibrate(
 def _sites(
     configs: Sequence[Config], observed: Sequence[AnyObservations], seed: int
 ) -> list[SiteData]:
-    """The sites with names that differ; a class must be the same at all of them."""
+    """Return the sites with names that differ; a class must be the same at all of them."""
     ready: list[SiteData] = []
     for config, of_site in zip(configs, observed, strict=True):
         name, number = config.project.name, 2
@@ -182,7 +182,7 @@ def _sites(
 
 
 def _chosen(sites: Sequence[SiteData], asked: Sequence[str] | None) -> list[str]:
-    """Classes to calibrate: those that the rocks meet, or those asked for."""
+    """Return classes to calibrate: those that the rocks meet, or those asked for."""
     met = list(dict.fromkeys(name for site in sites for name in classes_met(site.case)))
     if asked is None:
         return met

@@ -50,7 +50,7 @@ from sassgis.terrain.plan import placed_points, plan
 
 @dataclass(frozen=True, slots=True)
 class DemSummary:
-    """What the terrain model holds; lengths in m."""
+    """Summary of the terrain model; lengths in m."""
 
     file: Input
     n_rows: int
@@ -65,7 +65,7 @@ class DemSummary:
 
 @dataclass(frozen=True, slots=True)
 class ProfileSummary:
-    """What the profile of a run without a map holds; lengths in m."""
+    """Summary of the profile of a run without a map; lengths in m."""
 
     file: Input
     vertices: int
@@ -98,7 +98,7 @@ class ClassSummary:
 
 @dataclass(frozen=True, slots=True)
 class InputReport:
-    """What the inputs of a run hold.
+    """Summary of the inputs of a run.
 
     Attributes
     ----------
@@ -277,7 +277,7 @@ def check_inputs(config: Config) -> InputReport:
 def _checked(
     config: Config, run: MapRun, zones: bool
 ) -> tuple[tuple[AreaSummary, ...], RunEstimate, list[str]]:
-    """The release areas with their points, what a run on them takes, and what they lack."""
+    """Return the release areas with their points, what a run on them takes, and what they lack."""
     check_means(config, run)
     spread_rules(config, run)
     points = placed_points(run)
@@ -312,7 +312,7 @@ def _checked(
 
 
 def _zoning(config: Config, run: MapRun, complete: bool) -> tuple[tuple[str, ...], MapRun]:
-    """What there is for a zoning, and the run with what a zoning counts if it is complete."""
+    """Return the inputs for a zoning, and the run with what it counts if they are complete."""
     if complete:
         rules = read_rules(config, run)
         annual = sum(rules.frequencies.values())
@@ -352,7 +352,7 @@ def _dem_summary(file: Input, grid: Grid) -> DemSummary:
 
 
 def _along(config: Config, profile: ProfileInput | None) -> tuple[GroundTable, dict[int, float]]:
-    """The ground classes, and the share of each of the length of the profile."""
+    """Return the ground classes, and the share of each of the length of the profile."""
     if profile is None:
         table = read_ground_table(config.ground.classes, config.engine.readings)
         return table, {default_class(config.ground, table): 1.0}
@@ -400,7 +400,7 @@ class Readiness:
 
 
 def readiness(config: Config) -> tuple[Readiness, ...]:
-    """What a configuration is complete for; no file is opened.
+    """Find for which commands a configuration is complete; no file is opened.
 
     That is run, zone, risk and, if the configuration has a profile, profile.
     """

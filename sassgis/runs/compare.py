@@ -82,7 +82,7 @@ def map_change(
 ) -> ResultChange:
     """Run two configurations and map what changes.
 
-    Writes the results ``before`` and ``after`` (as ``sassgis run`` does), and beside them what
+    Writes the results ``before`` and ``after`` (as ``sassgis run`` does), and next to them what
     ``sassgis compare`` writes, with the configured objects.
 
     Both have the same terrain, and ``terrain.path`` of the second holds for both. The others are as

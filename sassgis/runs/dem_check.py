@@ -274,7 +274,7 @@ def _terraces(dem: RawDem) -> _Found:
 
 
 def _bumps(dem: RawDem, out: FloatArray, word: str) -> _Found:
-    """Single cells that differ from all around them by so much, upwards."""
+    """Return single cells that differ from all around them by so much, upwards."""
     least = max(_BUMP_M, min(dem.dx_m, dem.dy_m))
     count, top = int((out >= least).sum()), float(out.max())
     numbers: dict[str, Any] = {"cells": count, "limit_m": least, "largest_m": top}

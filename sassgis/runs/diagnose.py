@@ -196,7 +196,7 @@ def diagnose(
 def _gaps(
     problem: SiteData, model: HypothesisModel, rows: FloatArray, scale: float = 1.0
 ) -> tuple[tuple[ModelGap, ...], float]:
-    """How far a model is off, and the share of its rocks that leave the terrain.
+    """Compute how far a model is off, and the share of its rocks that leave the terrain.
 
     ``scale``: speeds as observed over the true ones.
     """
@@ -205,7 +205,7 @@ def _gaps(
 
 
 def _diagnosis(added: AddedCauses, chosen: Mapping[str, Any], fingerprint: str) -> Diagnosis:
-    """The answer, from what speaks for causes."""
+    """Return the answer, from what speaks for causes."""
     made, evidence = added.made, added.evidence
     problem, case = made.problem, made.problem.case
     frozen, weights = thresholds_of(dict(chosen)), cause_weights_of(dict(chosen))
@@ -290,7 +290,7 @@ def _diagnosis(added: AddedCauses, chosen: Mapping[str, Any], fingerprint: str) 
 
 
 def _measure_next(added: AddedCauses, verdict: Verdict) -> tuple[str, ...]:
-    """What would tell the causes apart that remain possible and were calibrated."""
+    """Find what would distinguish the causes that remain possible and were calibrated."""
     # Two causes that are named together are one answer.
     parts = set(verdict.effect.split("+")) - {verdict.effect}
     unknown = verdict.effect == UNKNOWN
@@ -298,7 +298,7 @@ def _measure_next(added: AddedCauses, verdict: Verdict) -> tuple[str, ...]:
         [
             *([verdict.effect] if parts else []),
             *causes_in(verdict.confusion_set),
-            # One cause alone is told from none.
+            # A single cause is distinguished from none.
             *([NONE] if unknown else []),
         ]
     )
@@ -313,7 +313,10 @@ def _measure_next(added: AddedCauses, verdict: Verdict) -> tuple[str, ...]:
 
 
 def _models_of(added: AddedCauses, cause: str) -> list[HypothesisModel]:
-    """Draws of a cause: calibrated, or the one that closes most; none of what was not tried."""
+    """Return draws of a cause: calibrated, or the one that closes most.
+
+    There are none of what was not tried.
+    """
     case = added.made.problem.case
     own = added.base if cause in (NONE, CONTACT_LAW) else added.name(cause)
     if own in added.made.fits:
@@ -327,7 +330,7 @@ def _models_of(added: AddedCauses, cause: str) -> list[HypothesisModel]:
 def _hypotheses(
     added: AddedCauses, shares: Mapping[str, float], intervals: Mapping[str, Mapping[str, Range]]
 ) -> tuple[Hypothesis, ...]:
-    """What was calibrated, most probable first."""
+    """List the calibrated hypotheses, most probable first."""
     made = added.made
     rng = np.random.default_rng([made.problem.seed, 81])
     found = []
@@ -373,7 +376,7 @@ _SHOWN = {
 def _comparisons(
     problem: SiteData, base: FloatArray, effect: FloatArray | None
 ) -> tuple[Comparison, ...]:
-    """Distributions of every scored quantity: observed, calibrated base, and effect."""
+    """Return distributions of every scored quantity: observed, calibrated base, and effect."""
     out = []
     for i, name in enumerate(problem.scale.names):
         place, _, what = name.partition(":")
@@ -392,7 +395,7 @@ def write_outputs(work: Path, case: Case, diagnosis: Diagnosis, config: Config) 
     """Write a diagnosis into a folder; equal diagnoses give equal files.
 
     ``gap.gpkg``, ``figures/*.png``, ``report.html``, ``model/config.toml`` with its files, and last
-    ``manifest.json``. ``work`` is the folder of the result, or the staged one beside it: paths in
+    ``manifest.json``. ``work`` is the folder of the result, or the staged one next to it: paths in
     ``model/config.toml`` hold for both.
     """
     write_gap_gpkg(work / "gap.gpkg", case, diagnosis)
@@ -427,7 +430,7 @@ def write_outputs(work: Path, case: Case, diagnosis: Diagnosis, config: Config) 
 
 
 def _write_models(file: Path, made: HypothesisFits, diagnosis: Diagnosis) -> None:
-    """The models that are handed over, whole, and the scale on which their rocks are compared.
+    """Write the models handed over, whole, and the scale on which their rocks are compared.
 
     ``number`` and ``count`` are those of the campaigns by which each was chosen and scored,
     ``distance`` what these leave to the observed rocks.

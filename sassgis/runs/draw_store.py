@@ -1,4 +1,4 @@
-"""What draws have shown that were made already, kept so that nothing is computed twice."""
+"""Store of draws that were made already, so that nothing is computed twice."""
 
 from __future__ import annotations
 
@@ -28,14 +28,14 @@ class DrawProgress:
         self._on_progress, self._total, self._rocks, self._done = on_progress, total, rocks, 0
 
     def step(self) -> None:
-        """One draw more."""
+        """Count one draw more."""
         self._done += 1
         if self._on_progress is not None:
             self._on_progress(self._done, self._total, self._rocks * self._done)
 
 
 def told_tasks(run: TaskMap, n_rocks: int, on_progress: OnProgress | None) -> TaskMap:
-    """The map of tasks, which have a count of campaigns each, with its progress reported."""
+    """Return the map of tasks, which have a count of campaigns each, with its progress reported."""
 
     def told(function: Callable[[Any, Any], Any], tasks: Sequence[Any]) -> Iterator[Any]:
         rocks = sum(task.count for task in tasks) * n_rocks
@@ -48,10 +48,10 @@ def told_tasks(run: TaskMap, n_rocks: int, on_progress: OnProgress | None) -> Ta
 
 
 class DrawStore:
-    """What trials have shown; one counts as made if its number and its parameters are the same.
+    """Results of trials; one counts as made if its number and its parameters are the same.
 
     It is kept in a file of the working folder, if there is one. A file that does not fit is not
-    used, which is told.
+    used, which is reported.
     """
 
     def __init__(self, file: Path | None, fingerprint: str, tell: Callable[[str], None]) -> None:
@@ -64,7 +64,7 @@ class DrawStore:
         }
 
     def seen(self, trials: Sequence[Trial], *, run: RunNew, step: Callable[[], None]) -> list[Seen]:
-        """What trials show: those that are known, and those that ``run`` makes now.
+        """Return the results of trials: the known ones, and those that ``run`` makes now.
 
         What is made is saved now and then, and whatever happens.
         """

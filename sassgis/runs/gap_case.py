@@ -25,7 +25,7 @@ from sassgis.settings.schema import Input
 
 
 def comparable(problem: SiteData, observations: AnyObservations) -> SiteData:
-    """The problem; InputError if nothing was measured that a simulation can be compared with."""
+    """Return problem; InputError if nothing was measured that a simulation can be compared with."""
     if not problem.scored:
         tables = problem.case.observations.tables
         raise InputError(
@@ -50,18 +50,18 @@ def read_case(config: AnyConfig, observations: AnyObservations) -> Case:
 
 
 def observations_name(observations: AnyObservations) -> Path:
-    """What messages call them."""
+    """Return the name of the observations in messages."""
     return Path("observations" if isinstance(observations, Mapping) else observations)
 
 
 def observed_files(case: Case) -> dict[str, Input]:
-    """The files of the observations, each once, by their role."""
+    """Return the files of the observations, each once, by their role."""
     files = sorted({*case.observations.files.values()}, key=str)
     return {f"observations {file.name}": file for file in files}
 
 
 def fingerprint_of(config: Config, observations: AnyObservations, options: str) -> str:
-    """Of settings, inputs, observations and options."""
+    """Return the fingerprint of settings, inputs, observations and options."""
     digest = hashlib.sha256(settings_hash(config).encode())
     source = observation_source(observations)
     tables = {"": source} if isinstance(source, Path) else source
@@ -73,6 +73,6 @@ def fingerprint_of(config: Config, observations: AnyObservations, options: str) 
 def prepared_case(
     settings: AnyConfig, observations: AnyObservations, seed: int, ground: float
 ) -> Case:
-    """A case with the contacts that were recorded, and the range of the ground."""
+    """Return a case with the contacts that were recorded, and the range of the ground."""
     case = replace(read_case(settings, observations), ground_range=ground)
     return replace(case, learned=learned_contacts(case, seed))

@@ -1,4 +1,4 @@
-"""What a user should know of observations and of models before trusting a diagnosis."""
+"""Warnings on observations and models that a user should know before trusting a diagnosis."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ _AT_LIMIT = 0.02
 
 
 def scenario_warnings(config: Config) -> tuple[str, ...]:
-    """That of several block scenarios only one counts."""
+    """Warn that of several block scenarios only one counts."""
     if len(config.blocks) == 1:
         return ()
     text = "Values not measured of a rock are those of the first block scenario ({})."
@@ -27,7 +27,7 @@ def scenario_warnings(config: Config) -> tuple[str, ...]:
 
 
 def group_warnings(case: Case) -> tuple[str, ...]:
-    """Too few groups to tell what their members have in common from a cause."""
+    """Warn of too few groups to separate what their members share from a cause."""
     groups = np.unique(case.group).size
     if groups >= _FEWEST_GROUPS:
         return ()
@@ -42,7 +42,7 @@ def group_warnings(case: Case) -> tuple[str, ...]:
 
 
 def stop_warnings(case: Case) -> tuple[str, ...]:
-    """That rocks passed the last station and have no stop: the farthest may be among them."""
+    """Warn that rocks passed the last station without a stop: the farthest may be among them."""
     seen = case.observations
     lying = seen.rock_of("deposits")
     if not (lying >= 0).any() or not case.station_names:
@@ -59,7 +59,7 @@ def stop_warnings(case: Case) -> tuple[str, ...]:
 
 
 def limit_warnings(case: Case, model: HypothesisModel) -> tuple[str, ...]:
-    """That values of the ground are as far as any ground has shown."""
+    """Warn that values of the ground are as far as any ground has shown."""
     met = [own for own in model.table.classes if own.name in case.met]
     found = [
         f"{own.name} {name} {getattr(own, name):.2g}"
@@ -84,7 +84,7 @@ def _at_limit(name: str, value: float) -> bool:
 
 
 def edge_warnings(before: float, after: float) -> tuple[str, ...]:
-    """That rocks leave the terrain, as configured and in the model that is handed over."""
+    """Warn that rocks leave the terrain, as configured and in the model that is handed over."""
     if max(before, after) < _FEW_LEAVE:
         return ()
     text = (

@@ -48,7 +48,7 @@ def collected_notices(quietly: list[str] | None = None) -> Iterator[list[str]]:
     """Collect what the readers have to say (level WARNING and above), each once.
 
     With ``quietly`` also what is below that (INFO), in that list, whatever the program has set up
-    for its own log, which gets nothing of both.
+    for its log, which gets nothing of both.
     """
     notices: list[str] = []
 
@@ -77,7 +77,7 @@ def collected_notices(quietly: list[str] | None = None) -> Iterator[list[str]]:
 
 
 def forest_of(config: Config, grid: Grid, whole: Grid | None = None) -> Forest | None:
-    """The forest on the cells, if trees are on; ``whole`` as for ground_raster."""
+    """Return the forest on the cells, if trees are on; ``whole`` as for ground_raster."""
     trees = config.trees
     return None if trees is None else Forest(*read_forest(trees, grid, whole))
 
@@ -132,7 +132,7 @@ def map_run_of(
     control_lines: Sequence[tuple[ControlLine, FloatArray]],
     forest: Forest | None,
 ) -> MapRun:
-    """A run with the settings of the configuration and inputs that have been read."""
+    """Return a run with the settings of the configuration and inputs that have been read."""
     return MapRun(
         grid=grid,
         ground=ground,
@@ -151,13 +151,13 @@ def map_run_of(
 
 
 def on_block_scale(run: MapRun) -> MapRun:
-    """The run with heights without what is smaller than its blocks."""
+    """Return the run with heights without what is smaller than its blocks."""
     heights = block_scale_grid(run.grid, run.block_scale_m)
     return replace(run, ground_heights=None if heights is run.grid else heights)
 
 
 def input_files(config: Config) -> dict[str, Input]:
-    """The inputs that a configuration names, by their role, for the manifest."""
+    """Return the inputs that a configuration names, by their role, for the manifest."""
     files: dict[str, Input] = {} if config.file is None else {"config": config.file}
     candidates = {
         "dem": config.terrain.dem,
@@ -176,7 +176,7 @@ def input_files(config: Config) -> dict[str, Input]:
 
 
 def zoning_files(config: Config) -> dict[str, Input]:
-    """What a zoning reads besides the inputs of the run, by its role."""
+    """Return the files that a zoning reads besides the inputs of the run, by role."""
     files: dict[str, Input | None] = {
         "frequencies": config.hazard.frequencies,
         "vulnerability": config.risk.vulnerability,
@@ -189,7 +189,10 @@ def zoning_files(config: Config) -> dict[str, Input]:
 
 
 def input_digests(config: Config) -> dict[str, str]:
-    """Digests of all files that a configuration names, by file; empty where one cannot be read."""
+    """Return digests of all files that a configuration names, by file.
+
+    They are empty where one cannot be read.
+    """
     found = {}
     for file in (input_files(config) | zoning_files(config)).values():
         found[str(file)] = ""
@@ -199,7 +202,7 @@ def input_digests(config: Config) -> dict[str, str]:
 
 
 def profile_from_csv(config: Config, path: Input | None = None) -> ProfileInput:
-    """The profile of ``[profile] file``, or of another CSV file in its place."""
+    """Return the profile of ``[profile] file``, or of another CSV file in its place."""
     settings = config.profile
     file = path or (settings.file if settings else None)
     if file is None:
@@ -223,7 +226,7 @@ def profile_from_csv(config: Config, path: Input | None = None) -> ProfileInput:
 
 
 def _even_forest(config: Config, s: FloatArray) -> Forest | None:
-    """The same forest all along a profile that lies on no map."""
+    """Return the same forest all along a profile that lies on no map."""
     trees = config.trees
     if trees is None:
         return None
@@ -243,7 +246,7 @@ def _even_forest(config: Config, s: FloatArray) -> Forest | None:
 def yearly_frequencies(
     config: Config, areas: Sequence[ReleaseArea], known: Sequence[str] | None = None
 ) -> dict[tuple[str, str], float]:
-    """Blocks released per year, by release area and block scenario.
+    """Return blocks released per year, by release area and block scenario.
 
     The table of frequencies may hold the ``known`` names; default those of the file of release
     areas.
@@ -257,7 +260,7 @@ def yearly_frequencies(
 
 
 def states_frequencies(config: Config) -> bool:
-    """Whether any onset frequency is stated: then all must be."""
+    """Return whether any onset frequency is stated: then all must be."""
     stated = any(o.frequency is not None for o in config.onsets.values())
     return stated or config.hazard.frequencies is not None
 
@@ -288,12 +291,12 @@ def read_rules(config: Config, run: MapRun) -> Rules:
 
 
 def placed_objects(config: Config, grid: Grid) -> PlacedObjects:
-    """The exposed objects of all layers."""
+    """Return the exposed objects of all layers."""
     return joined_objects([read_objects(own, grid) for own in config.objects], config.file)
 
 
 def named_preset(config: Config) -> HazardPreset:
-    """The preset that the configuration names."""
+    """Return the preset that the configuration names."""
     try:
         return read_preset(config.hazard.preset)
     except InputError as error:
@@ -304,18 +307,18 @@ def named_preset(config: Config) -> HazardPreset:
 
 
 def with_rules(run: MapRun, rules: Rules) -> MapRun:
-    """The run with the energies, objects and windows at which a zoning needs counts."""
+    """Return the run with the energies, objects and windows at which a zoning needs counts."""
     thresholds, width = rules.preset.thresholds_kj, rules.ref_width_m
     return with_objects(replace(run, thresholds_kj=thresholds, ref_width_m=width), rules.placed)
 
 
 def with_objects(run: MapRun, placed: PlacedObjects) -> MapRun:
-    """The run with the cells of exposed objects, whose hits are counted."""
+    """Return the run with the cells of exposed objects, whose hits are counted."""
     return replace(run, objects=ObjectCells(len(placed), *object_cells(placed, run.grid)))
 
 
 def cells_of_wholes(placed: PlacedObjects, grid: Grid) -> tuple[list[str], ObjectCells]:
-    """Names of the exposed objects, a road as a whole, and the cells that each touches."""
+    """Return names of the exposed objects, a road as a whole, and the cells that each touches."""
     names = list(placed.wholes)
     cells, part = object_cells(placed, grid)
     owner = np.array([names.index(o.whole) for o in placed.objects], np.int64)
@@ -323,13 +326,13 @@ def cells_of_wholes(placed: PlacedObjects, grid: Grid) -> tuple[list[str], Objec
 
 
 def compares_barriers(config: Config, run: MapRun) -> bool:
-    """Whether there are walls and nets, and zones and risk without them are wanted too."""
+    """Return whether there are walls and nets, and zones and risk without them are wanted too."""
     built = any(line.kind != "station" for line, _ in run.control_lines)
     return built and config.hazard.compare_barriers
 
 
 def ref_width(config: Config, cell_size: float) -> float:
-    """Reference width of the hazard curves (m)."""
+    """Return reference width of the hazard curves (m)."""
     width = config.hazard.ref_width_m
     if width is None:
         raise ConfigError(

@@ -1,4 +1,4 @@
-"""What the map that can be asked says of places: from the sums of a run and from its zones."""
+"""Answers of the interactive map at places: from the sums of a run and from its zones."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ _POINTS = 16
 
 
 def blocks_by_source(run: MapRun, progress: Progress) -> list[Contribution]:
-    """How many of the simulated blocks of each source reach each cell."""
+    """Count the simulated blocks of each source that reach each cell."""
     found = []
     for (area, k), tally in sorted(progress.sources.items()):
         own = tally.cells.counts()
@@ -37,7 +37,7 @@ def blocks_by_source(run: MapRun, progress: Progress) -> list[Contribution]:
 
 
 def rates_by_source(sampled: Sequence[Sampled]) -> list[Contribution]:
-    """How often blocks of each source reach each cell (1/year)."""
+    """Compute how often blocks of each source reach each cell (1/year)."""
     return [
         Contribution(
             s.source.area, s.source.scenario, s.cells.places,
@@ -48,7 +48,7 @@ def rates_by_source(sampled: Sequence[Sampled]) -> list[Contribution]:
 
 
 def area_rows(run: MapRun, frequencies: Mapping[tuple[str, str], float]) -> dict[str, Rows]:
-    """What is said of each release area: its scenarios, with their onset frequencies if known."""
+    """Describe each release area: its scenarios, with their onset frequencies if known."""
     found: dict[str, Rows] = {}
     for area in run.areas:
         rows = []
@@ -63,7 +63,7 @@ def area_rows(run: MapRun, frequencies: Mapping[tuple[str, str], float]) -> dict
 
 
 def map_hazard(rules: Rules, found: Assessment) -> MapHazard:
-    """Curves and zones with what is known of each."""
+    """Return curves and zones with what is known of each."""
     facts, levels = found.hazard.facts, found.hazard.levels
     sources = [s.source for s in found.hazard.sampled]
     _, most = governing(facts.shares)
@@ -95,7 +95,7 @@ def map_hazard(rules: Rules, found: Assessment) -> MapHazard:
 def line_facts(
     run: MapRun, without_barriers: Sequence[Sampled], periods_years: Sequence[float]
 ) -> dict[tuple[str, str], PlaceFacts]:
-    """What reaches each station and barrier without barriers, by return period."""
+    """Return the loads at each station and barrier without barriers, by return period."""
     found: dict[tuple[str, str], PlaceFacts] = {}
     for i, (line, _) in enumerate(run.control_lines):
         energy, height = (arrivals(without_barriers, i, q) for q in ("energy_kj", "height_m"))
@@ -121,7 +121,7 @@ def object_facts(
     levels: Mapping[str, str],
     currency: str,
 ) -> dict[tuple[str, str], PlaceFacts]:
-    """What hits each exposed object; of roads and lines the curve is that of the worst stretch."""
+    """Return the hits of each exposed object; the curve of a road is that of its worst stretch."""
     if risk is None:
         return {}
     curves = hazard_curves([s.source for s in sampled], [s.objects for s in sampled], energies_kj)

@@ -54,7 +54,7 @@ _DRAWN = 100
 
 @dataclass(frozen=True, slots=True)
 class ProfileRunResult:
-    """What a run along one profile left.
+    """Result of a run along one profile.
 
     Attributes
     ----------
@@ -76,7 +76,7 @@ class ProfileRunResult:
 
 
 def _forest_along(run: MapRun, traces: TraceSet, s: FloatArray) -> Forest | None:
-    """The forest of the map under the middle of each stretch of a profile."""
+    """Return the forest of the map under the middle of each stretch of a profile."""
     if run.forest is None:
         return None
     border = stretches_of(s)
@@ -93,7 +93,7 @@ def profile_input(
     point: tuple[float, float] | None = None,
     line: Input | None = None,
 ) -> ProfileInput:
-    """The profile of the configuration, of a table, or of the terrain from a point or under a line.
+    """Return the profile configured, of a table, or of the terrain from a point or under a line.
 
     InputError, among others, if the point lies outside the terrain model or on nodata, if the file
     does not hold one line, or the line leaves the terrain model, crosses nodata or is too short.
@@ -113,7 +113,7 @@ def profile_input(
 
 
 def _along_line(config: Config, file: Input) -> ProfileInput:
-    """The profile of the terrain under a line of the map, from its first vertex to its last."""
+    """Return profile of the terrain under a line of the map, from its first vertex to its last."""
     run = read_map_run(config, areas=())
     x, y = read_line(file, run.grid, "--line").T
     s = np.append(0.0, np.cumsum(np.hypot(np.diff(x), np.diff(y))))
@@ -133,7 +133,7 @@ def _along_line(config: Config, file: Input) -> ProfileInput:
 
 
 def _fall_line(config: Config, x: float, y: float) -> ProfileInput:
-    """The profile of the fall line that starts at a point of the map."""
+    """Return the profile of the fall line that starts at a point of the map."""
     run = read_map_run(config, areas=())
     surface = fall_line_surface(run.grid, run.terrain)
     point = ReleasePoints(
@@ -154,7 +154,7 @@ def _fall_line(config: Config, x: float, y: float) -> ProfileInput:
 
 
 def _profile_of(title: str, run: MapRun, prepared: PreparedLines) -> ProfileInput:
-    """The profile of one line with the stations and barriers that it crosses."""
+    """Return the profile of one line with the stations and barriers that it crosses."""
     s, z = prepared.flat.vertices(0)
     crossed = prepared.crossings
     control_lines = []
@@ -169,7 +169,7 @@ def _profile_of(title: str, run: MapRun, prepared: PreparedLines) -> ProfileInpu
 
 
 def _with_stretches(profile: ProfileInput) -> ProfileSet:
-    """The profile with stretches of STRETCH_M in place of the cells of a map."""
+    """Return the profile with stretches of STRETCH_M in place of the cells of a map."""
     border = stretches_of(profile.s)
     n = border.size - 1
     flat = ProfileSet(
@@ -294,7 +294,7 @@ def run_profile(
 
 
 def _rise(profile: ProfileInput) -> float:
-    """By how much the last vertex lies above the start (m)."""
+    """Return by how much the last vertex lies above the start (m)."""
     return float(profile.z[-1] - np.interp(profile.start[0], profile.s, profile.z))
 
 

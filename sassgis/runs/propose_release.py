@@ -28,7 +28,7 @@ _LEAST_CELLS = 4
 
 @dataclass(frozen=True, slots=True)
 class Proposal:
-    """What was proposed."""
+    """Proposed release areas."""
 
     units: SlopeUnits | None  # None if the threshold was stated and there are no cliffs
     threshold_deg: float  # slopes that were used, also where the user stated them
@@ -157,7 +157,7 @@ def propose_release(
 
 
 def _units(slopes: FloatArray, dem: Path, threshold_deg: float | None) -> SlopeUnits | None:
-    """The slope units; None if there are no cliffs and the user knows the threshold."""
+    """Return the slope units; None if there are no cliffs and the user knows the threshold."""
     try:
         return slope_units(slopes)
     except InputError as error:

@@ -1,4 +1,4 @@
-"""What a result was made from: its manifest, and what its files say of it."""
+"""Origin of a result: its manifest, and what its files say of it."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from sassgis.settings.schema import Input
 
 @dataclass(frozen=True, slots=True)
 class Origin:
-    """What a result was made from besides the files that every run of its configuration reads."""
+    """Origin of a result besides the files that every run of its configuration reads."""
 
     inputs: Mapping[str, Input] = field(default_factory=dict)  # files by their role
     preset: str = ""
@@ -46,7 +46,7 @@ def write_origin(
     """Write the manifest of a result of a configuration, after all other files.
 
     Without ``grid`` it lies on no map; ``maps`` are those of the blocks. The settings are written
-    beside those of the configuration.
+    next to those of the configuration.
     """
     reach = {"reach_probability": grid.cell_size} if maps and grid is not None else {}
     write_manifest(
@@ -66,7 +66,7 @@ def write_origin(
 
 
 def provenance(config: Config) -> dict[str, str]:
-    """What reports say of their origin."""
+    """Return the statement of origin in reports."""
     return {
         "Program": f"sassgis {sassgis.__version__}",
         "Seed": str(config.run.seed),
@@ -75,7 +75,7 @@ def provenance(config: Config) -> dict[str, str]:
 
 
 def facts_of(config: Config, run: MapRun) -> dict[str, object]:
-    """What the maps rest on, for the GeoPackage and the report."""
+    """Return the facts that the maps rest on, for the GeoPackage and the report."""
     return {
         "program": f"sassgis {sassgis.__version__}",
         "model": "SASS (Bozzolo and Pamini, 1986)",
@@ -91,12 +91,12 @@ def facts_of(config: Config, run: MapRun) -> dict[str, object]:
 
 
 def made_on(config: Config) -> str:
-    """The date on sheets and in the report: that of the configuration, or today."""
+    """Return the date on sheets and in the report: that of the configuration, or today."""
     return config.project.date or date.today().isoformat()
 
 
 def byline(config: Config) -> tuple[str, ...]:
-    """Who made it, when, with which program; where to ask; whose data."""
+    """State who made it, when, with which program; where to ask; whose data."""
     project = config.project
     status = translated(project.status)
     parts = (status, project.author, made_on(config), f"sassgis {sassgis.__version__}",

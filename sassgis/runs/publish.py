@@ -57,9 +57,9 @@ from sassgis.simulation.workers import beside
 
 @dataclass(frozen=True, slots=True)
 class ForReport:
-    """What the report says besides that of a run alone."""
+    """Additions to the report of a run."""
 
-    # What draws its figures, and the sheets of protection, and gives them.
+    # What draws its figures and the sheets of protection, and returns them.
     figures: Callable[[], tuple[ReportFigure, ...]] = tuple
     sheets: Callable[[], tuple[ProtectionSheet, ...]] = tuple
     key_results: ReportTable | None = None  # heads the report, in place of the stopping reasons
@@ -71,7 +71,7 @@ class ForReport:
 
 @dataclass(frozen=True, slots=True)
 class ForMapPage:
-    """What the map that can be asked says of zones, sources, places and release areas."""
+    """Zones, sources, places and release areas of the interactive map."""
 
     hazard: MapHazard | None = None
     contributions: Sequence[Contribution] = ()
@@ -81,7 +81,7 @@ class ForMapPage:
 
 @dataclass(frozen=True, slots=True)
 class Extras:
-    """What a result holds besides the maps of the blocks themselves."""
+    """Contents of a result besides the maps of the blocks themselves."""
 
     layers: tuple[RasterLayer, ...] = ()
     vectors: tuple[VectorLayer, ...] = ()  # written to hazard.gpkg
@@ -104,7 +104,7 @@ class Extras:
 
 @dataclass(frozen=True, slots=True)
 class Published:
-    """What was written of a run on the map."""
+    """Files written of a run on the map."""
 
     layers: tuple[RasterLayer, ...]  # all maps
     report: ReportContext  # in its language
@@ -166,7 +166,7 @@ def publish_map(
 def block_maps(
     config: Config, grid: Grid, sums: MapSums, sample: Sample, bins: Bins
 ) -> tuple[RasterLayer, ...]:
-    """Maps of the blocks themselves."""
+    """Return maps of the blocks themselves."""
     classes = config.output.energy_classes_kj
     return map_layers(sums, grid.shape, sample, bins.edges, grid.cell_size, classes)
 
@@ -182,7 +182,7 @@ def write_layers(
     facts: Mapping[str, object],
     sheets: tuple[Extent, Sequence[PrintLayout]],
 ) -> None:
-    """Write GeoPackages, the project and the tables of what lies beside the maps.
+    """Write GeoPackages, the project and the tables of what lies next to the maps.
 
     Of ``layers`` and ``terrain`` only the limits of the legend count. ``sheets`` are the extent
     that is shown at first, and the print layouts.
@@ -202,7 +202,7 @@ def write_layers(
 
 
 def _counts(done: Simulation) -> dict[str, int]:
-    """Numbers of what was simulated, for the manifest and the GeoPackage."""
+    """Return numbers of what was simulated, for the manifest and the GeoPackage."""
     run, planned, progress = done.run, done.planned, done.progress
     ends = line_ends(progress)
     return {
@@ -312,7 +312,7 @@ def values_at_objects(
     return_periods: Sequence[float],
     heights: bool = True,
 ) -> ObjectValues:
-    """What reaches the exposed objects of a run; ``sampled`` with frequencies, if there are any."""
+    """Compute what reaches the exposed objects; ``sampled`` with frequencies if there are any."""
     run, bins = done.run, bins_of(done.run)
     own = sampled_sources(run, done.progress, None) if sampled is None else sampled
     return object_values(

@@ -1,4 +1,4 @@
-"""What draws of the ground classes add to a result: maps, areas, tables, lines of the report."""
+"""Additions of draws of ground classes to a result: maps, areas, tables, lines of the report."""
 
 from __future__ import annotations
 
@@ -35,9 +35,9 @@ def with_spread(
     done: Simulation,
     preset: HazardPreset | None = None,
 ) -> Extras:
-    """The extras of a result with those of the draws, if there are any.
+    """Return the extras of a result with those of the draws, if there are any.
 
-    Their areas are written, into a GeoPackage of their own: all other files of the result but
+    Their areas are written, into a separate GeoPackage: all other files of the result but
     project, report and manifest are those of a run without draws.
     """
     if drawn is None:

@@ -1,4 +1,4 @@
-"""What zoning adds to the result of a run: maps, zones, risk, tables, sheets, report."""
+"""Additions of zoning to the result of a run: maps, zones, risk, tables, sheets, report."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ _OF_GROUPS = ("hazard_zones", "hazard_area", "synoptic_intensity", "indicative_h
 
 
 def zone_extras(rules: Rules, found: Assessment, done: Simulation, figures: Path) -> Extras:
-    """Everything that zoning adds to a result; its figures go into the folder ``figures``."""
+    """Make all that zoning adds to a result; its figures go into the folder ``figures``."""
     config, run, preset = done.config, done.run, rules.preset
     grid, confidence, currency = run.grid, config.hazard.confidence, config.risk.currency
     hazard, budget = found.hazard, config.hazard.budget
@@ -159,7 +159,7 @@ def zone_extras(rules: Rules, found: Assessment, done: Simulation, figures: Path
 def hazard_maps(
     rules: Rules, curves: HazardCurves, chances: LevelChances, grid: Grid, confidence: float
 ) -> tuple[RasterLayer, ...]:
-    """Maps of level, intensity, return period, frequency and confidence."""
+    """Return maps of level, intensity, return period, frequency and confidence."""
     preset = rules.preset
     return hazard_layers(
         curves, chances, preset, grid, rules.ref_width_m, return_periods=preset.return_periods,
@@ -168,7 +168,7 @@ def hazard_maps(
 
 
 def group_zones(config: Config, rules: Rules, grid: Grid, found: Assessment) -> list[VectorLayer]:
-    """The zones of a group of areas, of the layers that make sense for all groups together."""
+    """Return zones of a group of areas, of the layers that make sense for all groups together."""
     width, confidence = rules.ref_width_m, config.hazard.confidence
     zones = zone_layers.hazard_zones(found.hazard, rules.preset, grid, width, confidence)
     federal = federal_layers(config, grid, rules.preset, width, found.hazard, {})
@@ -183,7 +183,7 @@ def group_extras(
     drawn: Sequence[Sequence[VectorLayer]],
     risks: tuple[RiskTable | None, RiskTable | None],
 ) -> Extras:
-    """What zoning adds to a mosaic that is drawn group by group.
+    """Make what zoning adds to a mosaic that is drawn group by group.
 
     The maps of hazard are written already; ``drawn`` is from group_zones, for each group, ``risks``
     with and without barriers.
@@ -203,5 +203,5 @@ def group_extras(
 
 
 def _origin(config: Config, rules: Rules) -> Origin:
-    """What a zoning is made from besides the run."""
+    """Return the inputs of a zoning besides the run."""
     return Origin(zoning_files(config), rules.preset.name, {"hazard": rules.ref_width_m})

@@ -41,7 +41,7 @@ _READINGS = 3
 
 #: A configuration: its file, its sections as a mapping, or what was read from either.
 AnyConfig = Config | str | Path | Mapping[str, Any]
-#: Gives another round of a run on its plan, after what there is so far; None: it is enough.
+#: Gives another repetition of a run on its plan, after what there is so far; None: it is enough.
 NextRound = Callable[[MapRun, Plan, Progress], Round | None]
 
 
@@ -59,7 +59,7 @@ class Job:
 
 @dataclass(frozen=True, slots=True)
 class Workplace:
-    """Where a job is worked on, by whom, and who is told."""
+    """Where a job is worked on, by whom, and who is informed."""
 
     folder: Path | None  # working folder of the result; None where nothing is to be written
     jobs: Jobs
@@ -83,7 +83,7 @@ class Simulation:
 
 
 def configured(config: AnyConfig, seed: int | None) -> Config:
-    """The configuration, read or made if need be, with another seed if one is given."""
+    """Return the configuration, read or made if need be, with another seed if one is given."""
     if isinstance(config, Mapping):
         config = configure(**config)
     if not isinstance(config, Config):
@@ -117,7 +117,7 @@ def check_means(config: Config, run: MapRun, jobs: Jobs = None) -> None:
 
 
 def jobs_within(config: Config, run: MapRun, jobs: Jobs, memory_gb: float | None) -> Jobs:
-    """As many of the threads asked for as fit into a memory; others who work as they are.
+    """Return as many of the threads asked for as fit into a memory; other workers as they are.
 
     InputError: one thread does not fit, or what this process needs for others who work.
     """
@@ -145,11 +145,11 @@ def simulate_job(
     Parameters
     ----------
     next_round : callable, optional
-        Asked after the rounds of the run, and after each that it gives, for another one; None ends
-        the simulation.
+        Asked after the repetitions of the run, and after each that it returns, for another one;
+        None ends the simulation.
     schedule : str
-        What the rounds depend on: a saved state of another schedule is not used, as it may hold
-        more of them than this one needs.
+        What the repetitions depend on: a saved state of another schedule is not used, as it may
+        hold more of them than this one needs.
     part : str
         Name of the simulation among several for one result.
     sums_only : bool
@@ -201,7 +201,7 @@ def simulate_job(
 
 
 def _changed(job: Job) -> list[str]:
-    """What to say of files that have changed since they were read."""
+    """Word the error on files that have changed since they were read."""
     now = input_digests(job.config) if job.read else {}
     return [
         phrase(_CHANGED, named(seen_from(job.config.base, Path(file))))
@@ -211,7 +211,7 @@ def _changed(job: Job) -> list[str]:
 
 
 def state_fingerprint(config: Config, job: MapRun, schedule: str = "") -> str:
-    """Of all that a saved state hangs on: the run as it was read, and what is kept for tables.
+    """Fingerprint all that a saved state depends on: the run as read, and what tables keep.
 
     The digests of its files would not do: they may be edited while it is read.
     """
@@ -223,7 +223,7 @@ def _keeps_rows(config: Config) -> bool:
 
 
 def workers_asked(config: Config, jobs: Jobs) -> int | Workers:
-    """Who works: as asked, or as many threads or processes as configured; 0: as there are cores."""
+    """Return the workers: as asked, or as many threads or processes as configured; 0: all cores."""
     wanted = config.run.jobs if jobs is None else jobs
     if hasattr(wanted, "in_order"):
         return wanted

@@ -42,7 +42,7 @@ _AUTO = (
 
 @dataclass(frozen=True, slots=True)
 class RunResult:
-    """What a run left.
+    """Result of a run.
 
     Attributes
     ----------
@@ -53,9 +53,9 @@ class RunResult:
     warnings : tuple of str
         What the user should know before trusting the maps.
     seconds : float
-        Time of the simulation alone.
+        Time of only the simulation.
     run, planned, progress, layers
-        Inputs, plan, sums and all maps, for further work in Python; ``maps`` gives these as a
+        Inputs, plan, sums and all maps, for further work in Python; ``maps`` returns these as a
         dataset.
     report : ReportContext
         What the report says; a notebook shows it in short.
@@ -103,7 +103,7 @@ def run(
 ) -> RunResult:
     """Run a configuration on the map and write everything.
 
-    An interrupted run leaves its state beside ``out``; the same call goes on from there.
+    An interrupted run leaves its state next to ``out``; the same call goes on from there.
 
     Parameters
     ----------
@@ -158,7 +158,7 @@ def run(
 def result_of(
     out: Path, done: Simulation, published: Published, drawn: DrawnGround | None
 ) -> RunResult:
-    """What a run left."""
+    """Return the result of a run."""
     reasons = {r: int(done.progress.reasons[r]) for r in StopReason}
     return RunResult(
         out, done.progress.simulated, reasons, published.warnings, done.seconds,

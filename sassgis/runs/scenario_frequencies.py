@@ -59,7 +59,7 @@ class ScenarioFrequencies:
     warnings: tuple[str, ...]
 
     def lines(self) -> list[str]:
-        """Return all for people, line by line; the last are lines of a configuration."""
+        """Write all for people, line by line; the last are lines of a configuration."""
         law, per = self.law, _PER[self.unit]
         up_to = "" if math.isinf(law.up_to) else f" up to {law.up_to:g} m3"
         out = [
@@ -89,7 +89,7 @@ class ScenarioFrequencies:
         return out
 
     def toml(self) -> list[str]:
-        """Lines of the configuration, with a section for each scenario."""
+        """Return lines of the configuration, with a section for each scenario."""
         out = []
         for one in self.scenarios:
             assert one.frequency is not None
@@ -104,7 +104,7 @@ class ScenarioFrequencies:
         return out
 
     def as_dict(self) -> dict[str, Any]:
-        """Return all for programs."""
+        """Return all values as plain data for programs."""
 
         def scenario(one: Scenario) -> dict[str, Any]:
             frequency = None if one.frequency is None else asdict(one.frequency)
@@ -142,7 +142,7 @@ def scenario_frequencies(
     area_ha: float | None,
     length_m: float | None,
 ) -> ScenarioFrequencies:
-    """Fit a power law to a table of block volumes, and give the frequencies of scenarios.
+    """Fit a power law to a table of block volumes, and return the frequencies of scenarios.
 
     InputError: no power law fits. ConfigError: the limits do not rise, or leave the law.
 

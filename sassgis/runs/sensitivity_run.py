@@ -52,7 +52,7 @@ _ROCKS_SHARE, _FEWEST_ROCKS = 0.2, 4
 
 @dataclass(frozen=True, slots=True)
 class SensitivityResult:
-    """What a sensitivity left."""
+    """Result of a sensitivity."""
 
     folder: Path
     ranges: tuple[ParameterRange, ...]
@@ -77,13 +77,13 @@ def sensitivity(
 ) -> SensitivityResult:
     """Simulate a configuration with the values that its ground classes might have.
 
-    Levels need onset frequencies; without them reach and energy alone are compared.
+    Levels need onset frequencies; without them only reach and energy are compared.
 
     Parameters
     ----------
     out : path
         Folder of the result; appears whole or not at all. An interrupted call leaves what it
-        simulated beside it; the same call goes on from there.
+        simulated next to it; the same call goes on from there.
     samples : int
         Simulations with values that fill all ranges at once.
     rocks : int, optional

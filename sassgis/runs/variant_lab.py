@@ -59,7 +59,7 @@ _DRAWS = "ground_draws"
 
 
 class VariantLab:
-    """Simulates variants; what was found is kept beside the result, by what was asked.
+    """Simulates variants; results are kept next to the result, by what was asked.
 
     ``part`` distinguishes what is kept from the states of other simulations for the same result. Of
     the stops of the job none is kept. ``total`` is the number of simulations that are planned.
@@ -86,24 +86,24 @@ class VariantLab:
         self._blocks = 0
 
     def names(self, objects: Sequence[str]) -> Names:
-        """What the numbers of findings belong to."""
+        """Return the names to the numbers of findings."""
         levels = () if self._rules is None else tuple(c.label for c in self._rules.preset.levels)
         return Names(levels, tuple(line.name for line, _ in self.run.control_lines), tuple(objects))
 
     def ranges(self, rules: Sequence[RangeRule], cells: np.ndarray) -> tuple[ParameterRange, ...]:
-        """Ranges of the values that act, of the ground classes on some cells (flat indices)."""
+        """Return ranges of the values that act, of the ground classes on cells (flat indices)."""
         return ranges_of(self.run.table, self.classes(cells), rules, acting(self.run.engine))
 
     def classes(self, cells: np.ndarray) -> list[str]:
-        """Names of the ground classes on some cells (flat indices)."""
+        """Return names of the ground classes on some cells (flat indices)."""
         return [self.run.table.names[i] for i in np.unique(self.run.ground.ravel()[cells])]
 
     def everywhere(self) -> np.ndarray:
-        """All cells with a height."""
+        """Return all cells with a height."""
         return np.flatnonzero(np.isfinite(self.run.grid.values))
 
     def found(self, variant: Variant) -> VariantFinding:
-        """What the variant finds, now or in an earlier call."""
+        """Return the results of the variant, computed now or in an earlier call."""
         asked = [self._fingerprint, sorted([*k, v] for k, v in variant.values.items())]
         digest = hashlib.sha256(json.dumps([*asked, variant.seed]).encode()).hexdigest()
         file = self._folder / f"{digest}.npz"
@@ -125,7 +125,7 @@ class VariantLab:
         return found
 
     def _under_way(self, digest: str) -> Checkpoint:
-        """What is left of a simulation that was stopped: of use to the same one alone."""
+        """Return the remains of a stopped simulation, of use only to the same one."""
         return Checkpoint(self._place.folder, digest, str(Path(self._part, "under_way")))
 
     def _simulated(self, variant: Variant, digest: str) -> VariantFinding:
@@ -152,7 +152,7 @@ class VariantLab:
 
 @dataclass(frozen=True, slots=True)
 class DrawnGround:
-    """What the draws of a run found."""
+    """Results of the draws of a run."""
 
     spread: GroundSpread
     maps: CellMaps
@@ -160,7 +160,7 @@ class DrawnGround:
 
 
 def spread_rules(config: Config, run: MapRun) -> tuple[RangeRule, ...]:
-    """Rules of the spread of ground classes; none where no draws are wanted."""
+    """Return rules of the spread of ground classes; none where no draws are wanted."""
     if not config.run.ground_uncertainty and config.ground.ranges is None:
         return ()
     return read_ranges(run.table, config.ground.ranges)
@@ -197,7 +197,7 @@ def _drawn(
     base: VariantFinding,
     exposed: Sequence[str] = (),
 ) -> DrawnGround:
-    """Simulate draws and say what they found beside the base; ``exposed`` are names of objects."""
+    """Simulate draws and return their results and the base's; ``exposed`` are names of objects."""
     ranges = lab.ranges(known, lab.everywhere())
     variants = [draw_of(ranges, lab.run.seed, k) for k in range(draws)]
     lab.total += draws
@@ -218,9 +218,9 @@ def runout_bands(
     jobs: Jobs = None,
     on_progress: OnProgress | None = None,
 ) -> tuple[SpreadBand, SpreadBand]:
-    """Bands of the median and of the 90 % quantile of the run-out, without any maps.
+    """Return bands of the median and of the 90 % quantile of the run-out, without any maps.
 
-    ``out`` is a new folder, which stays empty: while it works, what was simulated is kept beside
+    ``out`` is a new folder, which stays empty: while it works, what was simulated is kept next to
     it, and the same call goes on from there.
     """
     config = configured(config, None)

@@ -37,7 +37,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True)
 class ZoneResult:
-    """What zoning left: the run, the rules, and what was found."""
+    """Result of a zoning run: the run, the rules, and the zones."""
 
     run: RunResult
     rules: Rules = field(repr=False)
@@ -49,13 +49,13 @@ class ZoneResult:
 
 
 def prepared(job: Job, rules: Rules) -> Job:
-    """The job with the energies and objects at which the zoning needs counts."""
+    """Return the job with the energies and objects at which the zoning needs counts."""
     notices = (*job.notices, *rules.notices)
     return replace(job, run=with_rules(job.run, rules), notices=notices)
 
 
 def without_barriers(job: Job) -> Job:
-    """The job with its walls and nets as stations: they record blocks and stop none."""
+    """Return the job with its walls and nets as stations: they record blocks and stop none."""
     control_lines = tuple(
         (replace(line, kind="station"), trace) for line, trace in job.run.control_lines
     )
@@ -122,7 +122,7 @@ def write_zones(
     """Find the zones and write everything into ``work``, in the language of the configuration.
 
     ``without`` are the same blocks without walls and nets, ``drawn`` those on draws of the ground
-    classes. ``first`` is called with what was found before anything is written.
+    classes. ``first`` is called with the results before anything is written.
     """
     # As in sassgis.runs.run.run: loaded when there is something to write.
     from sassgis.runs.publish import publish_map
@@ -140,7 +140,7 @@ def write_zones(
 
 
 def assessed(rules: Rules, done: Simulation, without: Simulation | None) -> Assessment:
-    """What simulations with and without barriers say of hazard and risk."""
+    """Assess hazard and risk from simulations with and without barriers."""
     sampled = [
         None if s is None else sampled_sources(s.run, s.progress, rules.frequencies)
         for s in (done, without)

@@ -80,7 +80,7 @@ class BlockPopulation:
         return InputError(problem, field=field, found=found, expected=expected)
 
     def limits(self) -> NDArray[np.void]:
-        """Limits as the kernel reads them: LIMITS_DTYPE, shape (2,), the lower ones first.
+        """Return limits as the kernel reads them: LIMITS_DTYPE, shape (2,), the lower ones first.
 
         No volume stands as zeros, no exponent as NaN.
         """

@@ -8,6 +8,6 @@ from importlib import resources
 
 
 def built_in_rows(name: str) -> Iterator[dict[str, str]]:
-    """Rows of ``sassgis/data/<name>.csv`` by column, as text."""
+    """Return rows of ``sassgis/data/<name>.csv`` by column, as text."""
     file = resources.files("sassgis") / "data" / f"{name}.csv"
     return csv.DictReader(file.read_text(encoding="utf-8").splitlines())

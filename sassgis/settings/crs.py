@@ -12,7 +12,10 @@ from sassgis.errors import InputError
 
 
 def parse_crs(text: str, *, file: object = None, field: str = "") -> pyproj.CRS:
-    """Coordinate system from a code or well-known text; InputError if it is not understood."""
+    """Return coordinate system from a code or well-known text.
+
+    Raises InputError if it is not understood.
+    """
     try:
         return pyproj.CRS.from_user_input(text)
     except CRSError:
@@ -26,7 +29,7 @@ def parse_crs(text: str, *, file: object = None, field: str = "") -> pyproj.CRS:
 
 
 def crs_name(wkt: str) -> str:
-    """Name of a coordinate system for people, with its code where it has one."""
+    """Return the name of a coordinate system for people, with its code where it has one."""
     if not wkt:
         return "local coordinates"
     crs = pyproj.CRS.from_wkt(wkt)
@@ -35,14 +38,14 @@ def crs_name(wkt: str) -> str:
 
 
 def crs_parts(crs: pyproj.CRS) -> tuple[pyproj.CRS, pyproj.CRS | None]:
-    """Horizontal and vertical part of a coordinate system."""
+    """Return the horizontal and vertical part of a coordinate system."""
     if crs.is_compound:
         return crs.sub_crs_list[0], crs.sub_crs_list[1]
     return crs, None
 
 
 def same_crs(one: pyproj.CRS, other: pyproj.CRS) -> bool:
-    """Whether two coordinate systems put points in the same place, whatever their spelling."""
+    """Return whether two coordinate systems put points in the same place, however spelled."""
     if one.equals(other, ignore_axis_order=True):
         return True
     codes = (one.to_epsg(), other.to_epsg())
@@ -53,7 +56,7 @@ def same_crs(one: pyproj.CRS, other: pyproj.CRS) -> bool:
 
 
 def _fingerprint(crs: pyproj.CRS) -> tuple[object, ...]:
-    """Projection with its numbers, and the datum."""
+    """Return the projection with its numbers, and the datum."""
     base = crs.source_crs if crs.is_bound and crs.source_crs is not None else crs
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", UserWarning)  # what PROJ strings lose, the datum adds

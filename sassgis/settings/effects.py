@@ -1,4 +1,4 @@
-"""What the settings of all effects share; each stands with its kernels in sassgis/engine/effects.
+"""Base of the settings of effects; each stands with its kernels in sassgis/engine/effects.
 
 None is on unless it is configured.
 """
@@ -38,19 +38,19 @@ class EffectSettings:
         return iter(self.on)
 
     def get(self, kind: type[Kind]) -> Kind | None:
-        """Settings of an effect; None if it is off."""
+        """Return settings of an effect; None if it is off."""
         return next((own for own in self.on if isinstance(own, kind)), None)
 
     def named(self, name: str) -> EffectSection | None:
-        """Settings of an effect by its name; None if it is off."""
+        """Return settings of an effect by its name; None if it is off."""
         return next((own for own in self.on if own.name == name), None)
 
     def having(self, own: EffectSection) -> EffectSettings:
-        """The same effects with this one, in place of another of its kind."""
+        """Return the same effects with this one, in place of another of its kind."""
         return EffectSettings(*self.without(type(own)), own)
 
     def without(self, kind: type[EffectSection]) -> EffectSettings:
-        """The same effects but this one."""
+        """Return the same effects but this one."""
         return EffectSettings(*(own for own in self.on if not isinstance(own, kind)))
 
     @property

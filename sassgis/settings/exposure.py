@@ -1,4 +1,4 @@
-"""What blocks may hit, and what a hit does to it."""
+"""Exposed objects that blocks may hit, and what a hit does to them."""
 
 from __future__ import annotations
 
@@ -113,7 +113,7 @@ class ExposedObject(Section):
         return self.parent or self.name
 
     def stake(self, block_width_m: float) -> float:
-        """Cost of one hit of vulnerability 1 by a block of a width, in the currency of the run."""
+        """Return the cost of a hit of vulnerability 1 by a block of a width (run's currency)."""
         return self.value + self.value_per_m * (self.damage_length_m or block_width_m)
 
 
@@ -205,7 +205,7 @@ class Vulnerability:
         return tuple(dict.fromkeys(row.kind for row in self.rows))
 
     def of(self, kind: str) -> tuple[VulnerabilityRow, ...]:
-        """Rows of a kind, from the weakest intensity to the strongest.
+        """Return rows of a kind, from the weakest intensity to the strongest.
 
         Raises
         ------
@@ -227,7 +227,7 @@ class Vulnerability:
                 self.of(VEHICLE)
 
     def falling(self) -> list[str]:
-        """What the table says less of at a stronger intensity, each as a phrase for a warning."""
+        """List where the table falls at a stronger intensity, each as a phrase for a warning."""
         found = []
         for kind in self.kinds:
             for name in ("vulnerability", "lethality"):

@@ -124,7 +124,7 @@ class GroundTable:
         return tuple(c.name for c in self.classes)
 
     def index(self, name: str) -> int:
-        """Position of a class; InputError if there is none of that name."""
+        """Return the position of a class; InputError if there is none of that name."""
         try:
             return self.names.index(name)
         except ValueError:
@@ -133,13 +133,13 @@ class GroundTable:
             ) from None
 
     def with_rolling_threshold(self, threshold: float | None) -> GroundTable:
-        """The same classes with one rolling threshold, if there is one for all."""
+        """Return the same classes with one rolling threshold, if there is one for all."""
         if threshold is None:
             return self
         return GroundTable(tuple(replace(c, rolling_threshold=threshold) for c in self.classes))
 
     def rows(self) -> NDArray[np.void]:
-        """The parameters as a structured array, a field for each; shape (n_classes,)."""
+        """Return the parameters as a structured array, a field for each; shape (n_classes,)."""
         rows = np.zeros(len(self.classes), _ROW_DTYPE)
         for name in PARAMETERS:
             rows[name] = [getattr(c, name) for c in self.classes]

@@ -15,7 +15,7 @@ from sassgis.errors import InputError
 from sassgis.settings.ground import LIMITS, PARAMETERS, GroundTable
 from sassgis.settings.settings import EngineSettings
 
-#: What stands for every class without a range of its own.
+#: What stands for every class without a separate range.
 EVERY_CLASS = "*"
 #: dp_min goes with dp_max: they are the limits of one spread.
 RANGED = tuple(p for p in PARAMETERS if p != "dp_min")
@@ -25,7 +25,7 @@ RANGED = tuple(p for p in PARAMETERS if p != "dp_min")
 class RangeRule:
     """How the range of a parameter follows from its value."""
 
-    class_name: str  # EVERY_CLASS for classes without a rule of their own
+    class_name: str  # EVERY_CLASS for classes without a separate rule
     parameter: str  # one of RANGED
     # What ``low`` and ``high`` are: the limits themselves, or added to the value of the class, or
     # multiplied with it.
@@ -51,7 +51,7 @@ class RangeRule:
             )
 
     def limits(self, value: float) -> tuple[float, float]:
-        """The limits for a value, which always lies within them."""
+        """Return the limits for a value, which always lies within them."""
         low, high = self.low, self.high
         if self.kind == "offset":
             low, high = value + low, value + high
@@ -92,7 +92,7 @@ def ranges_of(
     rules: Sequence[RangeRule],
     parameters: Sequence[str] = RANGED,
 ) -> tuple[ParameterRange, ...]:
-    """Ranges of some parameters of some classes; those without width are left out.
+    """Return ranges of some parameters of some classes; those without width are left out.
 
     A rule of the class goes before one of EVERY_CLASS, a later rule before an earlier one.
     """
@@ -117,7 +117,7 @@ def ranges_of(
 
 
 def acting(engine: EngineSettings) -> tuple[str, ...]:
-    """Parameters that the readings of the engine use."""
+    """Return parameters that the readings of the engine use."""
     given = engine.resolved()
     rebound = ["restitution", "restitution_speed_mps", "mu_v"]
     idle = [] if given.eta_max_rule == "restitution" else rebound
@@ -127,7 +127,7 @@ def acting(engine: EngineSettings) -> tuple[str, ...]:
 
 
 def with_values(table: GroundTable, values: Mapping[tuple[str, str], float]) -> GroundTable:
-    """The classes with other values of some parameters, by class and parameter."""
+    """Return the classes with other values of some parameters, by class and parameter."""
     changed: dict[str, dict[str, float]] = {}
     for (name, parameter), value in values.items():
         own = table.classes[table.index(name)]

@@ -48,7 +48,7 @@ class Source:
 
     @property
     def lines(self) -> int:
-        """Strata of the sample: release points, or fall lines, with their rounds."""
+        """Strata of the sample: release points, or fall lines, with their repetitions."""
         return self.rocks // max(self.rocks_per_line, 1)
 
     @property
@@ -91,7 +91,7 @@ class SourceCounts:
 
     @classmethod
     def none(cls, n_energies: int) -> SourceCounts:
-        """No block arrived anywhere."""
+        """Return counts of no block arriving anywhere."""
         empty = np.zeros((0, n_energies), np.int64)
         return cls(np.empty(0, np.int64), empty, empty.copy())
 
@@ -105,7 +105,7 @@ class DrawnPoints:
     freedom: FloatArray  # shape (n, n_energies); degrees of freedom of the variance
 
     def part(self, rows: Rows, columns: Rows) -> DrawnPoints:
-        """That of some places and energies."""
+        """Cut out some places and energies."""
         return DrawnPoints(self.rate_of_a_point[rows][:, columns], self.freedom[rows][:, columns])
 
 
@@ -124,7 +124,7 @@ class HazardCurves:
 
     @property
     def rate_of_one(self) -> FloatArray:
-        """What one more of what was drawn would add (1/year): a block, or a point with its blocks.
+        """Rate (1/year) that one more draw would add: a block, or a point with its blocks.
 
         Of the shape (n, 1) or (n, n_energies).
         """
@@ -137,7 +137,7 @@ class HazardCurves:
         return math.inf if self.drawn is None else self.drawn.freedom
 
     def part(self, rows: Rows, columns: Rows = _ALL) -> HazardCurves:
-        """The curves of some places, at some of their energies."""
+        """Return the curves of some places, at some of their energies."""
         return HazardCurves(
             self.places[rows],
             self.energies_kj[columns],
@@ -148,7 +148,7 @@ class HazardCurves:
         )
 
     def column(self, energy_kj: float) -> int:
-        """Position of an energy among ``energies_kj``.
+        """Return the position of an energy among ``energies_kj``.
 
         Raises
         ------
@@ -412,7 +412,7 @@ class HazardSettings(Section):
 
     @property
     def budget(self) -> BlockBudget | None:
-        """What ends the search for as many blocks as the map needs; None where it is not asked."""
+        """Limit of the search for as many blocks as the map needs; None where it is not asked."""
         if self.blocks != "auto":
             return None
         return BlockBudget(
@@ -491,7 +491,7 @@ class ZoningSettings(Section):
     def drawing(
         self, sheet: SheetRules | None, ref_width_m: float, spacing_m: float, cell_size: float
     ) -> Drawing:
-        """How zones are drawn by the rules of a preset."""
+        """Return the rules of a preset for drawing zones."""
         mm = self.scale / 1000.0
         rules = SheetRules(0, 0, 0, 0, 0, Provenance("", False)) if sheet is None else sheet
 
@@ -547,5 +547,5 @@ class Edit:
 
     @property
     def words(self) -> str:
-        """Who edited, when and why."""
+        """Note on who edited, when and why."""
         return f"{self.author}, {self.date}: {self.reason}"

@@ -46,12 +46,12 @@ _RESERVED = {"con", "prn", "aux", "nul", *(f"{d}{i}" for d in ("com", "lpt") for
 
 
 def rounded(value: Any, digits: int = 3) -> Any:
-    """A number for a table, to so many digits; None for none."""
+    """Return a number for a table, to so many digits; None for none."""
     return float(f"{value:.{digits}g}") if np.isfinite(value) else None
 
 
 def short(value: float, sign: str = "") -> str:
-    """A number in two digits, with all of those before the point: 0.012, 1.5, 1700.
+    """Return a number in two digits, with all of those before the point: 0.012, 1.5, 1700.
 
     With "+" as ``sign`` one that is not below zero has it.
     """
@@ -59,27 +59,30 @@ def short(value: float, sign: str = "") -> str:
 
 
 def ground_name(name: str) -> Phrase:
-    """A ground class: built-in ones are explained in other languages, others stay as they are."""
+    """Name a ground class: built-in ones are explained in other languages, others stay."""
     if name not in _GROUND_NAMES:
         return named(name)
     return in_english(name, phrase(_GROUND_NAMES[name]))
 
 
 def some_of(names: Sequence[str], shown_as: Callable[[str], str] = repr) -> str:
-    """The first four names, and how many more there are."""
+    """Return the first four names, and how many more there are."""
     shown = ", ".join(map(shown_as, names[:4]))
     return shown + (f" and {len(names) - 4} more" if len(names) > 4 else "")
 
 
 def file_stem(name: str) -> str:
-    """A name as part of a file name that every system takes: letters, digits and underscores."""
+    """Return a name as part of a file name that every system takes.
+
+    It has letters, digits and underscores.
+    """
     plain = "".join(c if c.isalnum() else "_" for c in name).strip("_").lower()
     short = plain.encode()[:_LONGEST_STEM].decode(errors="ignore") or "unnamed"
     return f"{short}_" if short in _RESERVED else short
 
 
 def file_stems(names: Sequence[str]) -> list[str]:
-    """Names as parts of file names, no two the same."""
+    """Return names as parts of file names, no two the same."""
     taken: set[str] = set()
     stems = []
     for name in names:

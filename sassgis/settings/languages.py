@@ -39,7 +39,10 @@ class Phrase(str):
 
 
 def phrase(key: str, *parts: object, **named: object) -> Phrase:
-    """A text with parts: those that are phrases are translated too, others stay as they are."""
+    """Return a text with parts.
+
+    Those that are phrases are translated too, others stay as they are.
+    """
     if isinstance(key, Phrase):
         return key
     text = Phrase(key.format(*parts, **named) if parts or named else key)
@@ -48,19 +51,19 @@ def phrase(key: str, *parts: object, **named: object) -> Phrase:
 
 
 def named(name: str) -> Phrase:
-    """A name that the user gave: it stays as it is, also where it is a word of the program."""
+    """Return name that the user gave: it stays as it is, also where it is a word of the program."""
     return phrase("{}", name)
 
 
 def in_english(text: str, others: Phrase) -> Phrase:
-    """A text in English, and a phrase that stands for it in the other languages."""
+    """Return a text in English, and a phrase that stands for it in the other languages."""
     made = Phrase(text)
     made.key, made.parts, made.named = others.key, others.parts, others.named
     return made
 
 
 def joined(separator: str, parts: Iterable[object]) -> Phrase:
-    """A phrase of parts one after the other."""
+    """Return a phrase of parts one after the other."""
     members = list(parts)
     return phrase(separator.join(["{}"] * len(members)), *members)
 
@@ -70,7 +73,7 @@ class Capital(Phrase):
 
 
 def capital(text: str) -> Phrase:
-    """A text with its first letter as a capital."""
+    """Return a text with its first letter as a capital."""
     own = phrase(text)
     made = Capital(own[:1].upper() + own[1:])
     made.key, made.parts, made.named = own.key, own.parts, own.named
@@ -78,7 +81,7 @@ def capital(text: str) -> Phrase:
 
 
 def all_of(parts: Iterable[str]) -> Phrase:
-    """Texts one after the other, with "and" between them."""
+    """Return texts one after the other, with "and" between them."""
     members = list(map(phrase, parts)) or [phrase("")]
     return reduce(lambda before, last: phrase("{} and {}", before, last), members)
 
@@ -94,12 +97,12 @@ def in_language(language: Language) -> Iterator[None]:
 
 
 def current_language() -> Language:
-    """The language in which the program writes."""
+    """Return the language in which the program writes."""
     return _LANGUAGE.get()
 
 
 def translated(text: str) -> str:
-    """A text in the language in which the program writes."""
+    """Return a text in the language in which the program writes."""
     language = _LANGUAGE.get()
     if language == "en":
         return text
@@ -118,7 +121,7 @@ def translated(text: str) -> str:
 
 
 def with_translated(thing: T, *names: str) -> T:
-    """A frozen dataclass with some of its texts, or tuples of texts, translated."""
+    """Return a frozen dataclass with some of its texts, or tuples of texts, translated."""
     own: Any = thing
     changed: T = replace(own, **{name: _each(getattr(own, name)) for name in names})
     return changed
@@ -147,12 +150,12 @@ class Catalogue(NullTranslations):
             self.entries[texts["msgid"]] = texts["msgstr"]
 
     def gettext(self, message: str) -> str:
-        """The text in the language of the catalogue; as it is where there is no entry."""
+        """Return the text in the language of the catalogue; as it is where there is no entry."""
         return self.entries.get(message, message) if message else message
 
 
 @cache
 def translations(language: Language) -> Catalogue:
-    """The catalogue of a language."""
+    """Return the catalogue of a language."""
     file = resources.files("sassgis").joinpath("data", "languages", f"{language}.po")
     return Catalogue(file.read_text(encoding="utf-8"))

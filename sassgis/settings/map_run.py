@@ -1,4 +1,4 @@
-"""What a run on the map is given, and what it keeps of single blocks and lines."""
+"""Inputs of a run on the map, and what it keeps of single blocks and lines."""
 
 from __future__ import annotations
 
@@ -28,11 +28,11 @@ class ObjectCells:
 
     @classmethod
     def none(cls) -> ObjectCells:
-        """No object."""
+        """Return a set of no objects."""
         return cls(0, np.empty(0, np.int64), np.empty(0, np.int64))
 
     def under(self, cells: IntArray) -> tuple[IntArray, IntArray]:
-        """The objects on each of some cells (flat indices, ascending)."""
+        """Return the objects on each of some cells (flat indices, ascending)."""
         first = np.searchsorted(self.cell, cells, side="left")
         size = np.searchsorted(self.cell, cells, side="right") - first
         offset = np.concatenate([[0], np.cumsum(size)]).astype(np.int64)
@@ -59,7 +59,7 @@ class Window:
     radius: float
 
     def steps(self) -> tuple[IntArray, IntArray]:
-        """Rows and columns from the middle of a window to each cell that its disk meets."""
+        """Return rows and columns from the middle of a window to each cell that its disk meets."""
         reach = math.ceil(self.radius + 0.5)
         step = np.arange(-reach, reach + 1)
         gap2 = np.maximum(np.abs(step) - 0.5, 0.0) ** 2
@@ -68,7 +68,7 @@ class Window:
         return drow, dcol
 
     def around(self, cells: IntArray) -> tuple[IntArray, IntArray, IntArray]:
-        """Windows whose disk meets any of some cells (flat indices).
+        """Return windows whose disk meets any of some cells (flat indices).
 
         Returns
         -------
@@ -105,7 +105,7 @@ class Round:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Worth:
-    """What it is worth to know how often blocks come to each cell with how much energy."""
+    """Worth of knowing how often blocks come to each cell with how much energy."""
 
     energy: IntArray  # shape (n,): positions of energies among those of the hazard curves, rising
     # Shape (n_cells, n): by which a smaller variance of the frequency there is multiplied.
@@ -129,8 +129,8 @@ class MapRun:
     release: ReleaseSettings
     seed: int
     stop_points_max: int = 100_000  # most stop points to keep one by one
-    # How often ``rocks_per_point`` blocks are released; those of the first rounds stay the same
-    # when there are more.
+    # How often ``rocks_per_point`` blocks are released; those of the first repetitions stay the
+    # same when there are more.
     rounds: tuple[Round, ...] = (Round(),)
     thresholds_kj: tuple[float, ...] = ()  # energies that hazard curves must have a value for
     # Exposed objects at which blocks are counted.
@@ -146,7 +146,7 @@ class MapRun:
     rim: tuple[int, int, int, int] = (0, 0, 0, 0)
 
     def sides_met(self, looked_at: tuple[int, int, int, int]) -> tuple[bool, bool, bool, bool]:
-        """On which sides (north, east, south, west) paths looked into the rim of the grid.
+        """Find on which sides (north, east, south, west) paths looked into the rim of the grid.
 
         ``looked_at`` as of Simulated.
         """
@@ -167,7 +167,7 @@ class MapRun:
 
     @property
     def followed(self) -> bool:
-        """Whether each block has a path of its own."""
+        """Whether each block has a separate path."""
         return self.terrain.path == "followed"
 
     @property
@@ -229,7 +229,7 @@ class BlockRows:
         scenario: int,
         weight: int,
     ) -> BlockRows:
-        """Rows of blocks of one scenario that all count as often."""
+        """Return rows of blocks of one scenario that all count as often."""
         blocks, passed = (
             (np.full(n, scenario), np.full(n, weight)) for n in (rocks.size, passages.size)
         )

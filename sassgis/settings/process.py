@@ -1,4 +1,4 @@
-"""What this process may take: memory of the machine, and nothing from the current folder."""
+"""Limits of this process: memory of the machine, and nothing from the current folder."""
 
 from __future__ import annotations
 
@@ -48,7 +48,9 @@ def require_memory(need: Mapping[str, int], file: object = None, most: int | Non
 
 
 def memory_bytes(root: Path = Path("/")) -> int | None:
-    """Memory that this process has and may still take (bytes); None where it cannot be known.
+    """Return the memory that this process has and may still take (bytes).
+
+    It is None where it cannot be known.
 
     What the machine has available, or less where a control group (a container, a batch system)
     allows less. ``root`` is where the files of the system lie.
@@ -69,7 +71,7 @@ def _machine(root: Path) -> int | None:
 
 
 def _groups(root: Path) -> Iterator[int | None]:
-    """What the control groups of this process, and those around them, leave (bytes)."""
+    """Yield the free memory of the control groups of this process and those around them (bytes)."""
     for line in _text(root / "proc/self/cgroup").splitlines():
         _, kinds, group = line.split(":", 2)
         if kinds and "memory" not in kinds.split(","):
@@ -92,14 +94,14 @@ def _text(file: Path) -> str:
 
 
 def _stated(file: Path, name: str) -> int | None:
-    """The number behind a name at the begin of a line."""
+    """Return the number behind a name at the begin of a line."""
     rows = (line.split() for line in _text(file).splitlines())
     return next((int(row[1]) for row in rows if row[:1] == [name]), None)
 
 
 @contextmanager
 def not_found(name: str) -> Iterator[None]:
-    """Have a library, as it is imported, not find a file that it looks for by its name alone."""
+    """Have a library, as it is imported, not find a file that it looks for only by its name."""
     exists = os.path.exists
     os.path.exists = lambda path: path != name and exists(path)
     try:

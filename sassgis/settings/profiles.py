@@ -90,7 +90,7 @@ class ProfileSet:
         return int(self.offset.size - 1)
 
     def vertices(self, i: int) -> tuple[FloatArray, FloatArray]:
-        """Chainage and height of the vertices of profile ``i`` (m)."""
+        """Return the chainage and height of the vertices of profile ``i`` (m)."""
         own = slice(int(self.offset[i]), int(self.offset[i + 1]))
         return self.s[own], self.z[own]
 
@@ -106,14 +106,14 @@ class ControlLineCrossings:
 
     @classmethod
     def none(cls, n_lines: int) -> ControlLineCrossings:
-        """No stations and no barriers."""
+        """Return control lines without stations or barriers."""
         return cls((), np.zeros(n_lines + 1, np.int64), np.empty(0), np.empty(0, np.int64))
 
     @classmethod
     def same_for_all(
         cls, control_lines: Sequence[ControlLine], chainages: Sequence[float], n_lines: int
     ) -> ControlLineCrossings:
-        """The same control lines at the same chainages (m) on each of ``n_lines`` profiles."""
+        """Return same control lines at the same chainages (m) on each of ``n_lines`` profiles."""
         order = np.argsort(np.asarray(chainages, float), kind="stable")
         sorted_chainage = np.asarray(chainages, float)[order]
         return cls(

@@ -1,4 +1,4 @@
-"""What a run leaves: rows per block and per passage, and layers for the map."""
+"""Results of a run: rows per block and per passage, and layers for the map."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ class StopReason(IntEnum):
 
 
 class Outcome(IntEnum):
-    """What became of a block at a station or barrier."""
+    """Outcome of a block at a station or barrier."""
 
     PASSED = 0
     STOPPED = 1
@@ -124,7 +124,7 @@ class Band:
 
 @dataclass(frozen=True, slots=True)
 class RasterClass:
-    """What a whole number on a map of classes means; ``hatched`` asks for lines in the colour."""
+    """Meaning of a whole number on a map of classes; ``hatched`` asks for lines in the colour."""
 
     value: int
     label: str

@@ -75,7 +75,7 @@ class InMemory:
         return self.name
 
     def is_dir(self) -> bool:
-        """It is no folder."""
+        """Return False: it is no folder."""
         return False
 
 
@@ -86,7 +86,7 @@ AnyInput = str | PathLike[str] | InMemory
 
 
 def named(given: AnyInput) -> Input:
-    """A path, or what is in memory as it is."""
+    """Return a path, or what is in memory as it is."""
     return given if isinstance(given, InMemory) else Path(given)
 
 
@@ -106,7 +106,7 @@ class Renamed:
 
 @dataclass(frozen=True, slots=True)
 class Example:
-    """What the template shows for a setting; ``needed`` if it stands there without a comment."""
+    """Example of a setting in the template; ``needed`` if it stands there without a comment."""
 
     value: object
     needed: bool = False
@@ -119,18 +119,21 @@ class Example:
 def refused(
     problem: str, expected: str | None = None, field: str | None = None, found: object = None
 ) -> PydanticCustomError:
-    """An error that pydantic carries to the place where it is reported in one line."""
+    """Return an error that pydantic carries to the place where it is reported in one line."""
     parts = {"problem": problem, "expected": expected, "field": field, "found": found}
     return PydanticCustomError("sassgis", "{problem}", parts)
 
 
 def refusal(error: InputError) -> PydanticCustomError:
-    """An error of several settings together, as pydantic carries it."""
+    """Return an error of several settings together, as pydantic carries it."""
     return refused(error.problem, error.expected, error.field, error.found)
 
 
 def composed(text: str) -> str:
-    """A name in the one of its Unicode forms that all are compared in (NFC): ö, not o and dots."""
+    """Return a name in the one of its Unicode forms that all are compared in (NFC).
+
+    That is ö, not o and dots.
+    """
     return text if unicodedata.is_normalized("NFC", text) else unicodedata.normalize("NFC", text)
 
 
@@ -168,7 +171,7 @@ def _plain_name(text: str) -> str:
 
 
 def _file(value: Any, info: ValidationInfo) -> Path:
-    """Paths are relative to the configuration file; those of a program are as they are."""
+    """Resolve paths relative to the configuration file; those of a program stay as they are."""
     if not isinstance(value, str | PurePath):
         raise refused("cannot be used", "a path in quotes")
     if info.context is None:
@@ -188,7 +191,7 @@ def _input(value: Any, info: ValidationInfo) -> Path | InMemory:
 
 
 def is_preset_file(preset: str) -> bool:
-    """Whether a preset is a file of the user, and not the name of a built-in one."""
+    """Return whether a preset is a file of the user, and not the name of a built-in one."""
     return preset.endswith(".toml") or "/" in preset
 
 
@@ -197,7 +200,7 @@ def _preset(value: str, info: ValidationInfo) -> str:
 
 
 def _codes(value: Any) -> Any:
-    """TOML keys are text; raster codes are whole numbers."""
+    """Turn TOML keys, which are text, into raster codes, which are whole numbers."""
     expected = 'codes and class names, as in {1 = "rock"}'
     if not isinstance(value, Mapping):
         raise refused("is not a table of codes", expected)
@@ -325,7 +328,7 @@ class Declared(NamedTuple):
 
 
 def declared(cls: type) -> Mapping[str, Declared]:
-    """Settings of a section by key, in order; fields without a description are none."""
+    """Return settings of a section by key, in order; fields without a description are none."""
     return _declared(cast(Any, cls))
 
 
@@ -348,7 +351,7 @@ def _declared(cls: Any) -> Mapping[str, Declared]:
 
 
 def interval(kind: Any) -> Interval | None:
-    """The limits of a number, as its annotation declares them; None if it has none."""
+    """Return the limits of a number, as its annotation declares them; None if it has none."""
     if isinstance(kind, Interval):
         return kind
     parts = (part for part in get_args(kind) if not isinstance(part, str))
@@ -356,13 +359,13 @@ def interval(kind: Any) -> Interval | None:
 
 
 def highest(cls: type, key: str) -> float:
-    """What a number of a section may be at most."""
+    """Return the highest value of a number of a section."""
     limits = interval(declared(cls)[key].kind)
     return math.inf if limits is None or limits.le is None else cast(float, limits.le)
 
 
 def limits_text(limits: Interval) -> str:
-    """Limits in words, as in ``above 0 and at most 10``."""
+    """Return limits in words, as in ``above 0 and at most 10``."""
     text = f"above {limits.gt:g}" if limits.gt is not None else f"{limits.ge:g} or more"
     if limits.le is not None:
         text = f"{text} and at most {limits.le:g}"
@@ -370,7 +373,7 @@ def limits_text(limits: Interval) -> str:
 
 
 def is_file(kind: Any) -> bool:
-    """Whether a setting names a file."""
+    """Return whether a setting names a file."""
     return kind is Path or any(is_file(k) for k in get_args(kind) if not isinstance(k, str))
 
 
@@ -397,7 +400,7 @@ _LIMITS = ("greater_than", "greater_than_equal", "less_than", "less_than_equal")
 
 
 def explained(error: ErrorDetails, own: Declared | None) -> dict[str, Any]:
-    """What a value is refused for: problem, field within it, found and expected."""
+    """Explain why a value is refused: problem, field within it, found and expected."""
     kind, context, loc = error["type"], error.get("ctx", {}), error["loc"]
     found: object = in_short(error["input"])
     if kind == "sassgis":
@@ -424,6 +427,6 @@ def explained(error: ErrorDetails, own: Declared | None) -> dict[str, Any]:
 
 
 def in_short(value: object) -> str:
-    """A value as messages repeat it."""
+    """Return a value as messages repeat it."""
     text = repr(value)
     return text if len(text) <= 60 else f"{text[:57]}..."

@@ -179,7 +179,7 @@ class ReleaseSettings(Section):
     rocks_per_point: Annotated[
         int, Interval(ge=1, le=1_000_000), "blocks released at each release point"
     ] = 50
-    #: The configuration, for messages of those who are given this section alone.
+    #: The configuration, for messages of those who are given only this section.
     config_file: ConfigFile = field(default=None, compare=False, repr=False)
 
 
@@ -208,7 +208,7 @@ class GroundSettings(Section):
         "class of each code, where the file is a raster",
         Example({1: "rock", 2: "debris"}),
     ] = None
-    #: The configuration, for messages of those who are given this section alone.
+    #: The configuration, for messages of those who are given only this section.
     config_file: ConfigFile = field(default=None, compare=False, repr=False)
 
     def _fits_together(self) -> None:
@@ -531,7 +531,7 @@ class EngineSettings(Section):
     ] = 5.0
 
     def resolved(self) -> EngineSettings:
-        """The same settings with every key of the named set filled in.
+        """Return the same settings with every key of the named set filled in.
 
         In "hazard" ``rolling_threshold`` stays None: the column of the ground class counts.
         """

@@ -43,7 +43,7 @@ _REDUCERS: dict[Reducer, tuple[np.ufunc, type[np.generic]]] = {
 
 @dataclass(frozen=True, slots=True)
 class CellSum:
-    """What is kept of one quantity in each cell.
+    """Sum of one quantity in each cell.
 
     Whole numbers and extremes only, so that the order of adding does not matter.
     """
@@ -54,7 +54,7 @@ class CellSum:
 
     @property
     def join(self) -> np.ufunc:
-        """What makes one of the sums of two parts."""
+        """Function that joins the sums of two parts."""
         return _REDUCERS[self.reducer][0]
 
     @property
@@ -97,7 +97,7 @@ class Statistic:
     resolution: str = ""
 
     def description(self, band: str) -> str:
-        """A band in words."""
+        """Return a band in words."""
         short = self.title.split(",")[0]
         if probability_of(band) is not None:
             return f"{self.label}, {band[1:]} % quantile of the blocks that reach the cell"
@@ -111,7 +111,7 @@ class Statistic:
         }.get(band, self.label)
 
     def sums(self) -> tuple[CellSum, ...]:
-        """What its bands are made from."""
+        """Return the sums from which its bands are made."""
         return tuple(s for band in self.bands for s in self._sums_of(band))
 
     def _sums_of(self, band: str) -> tuple[CellSum, ...]:
@@ -128,7 +128,7 @@ class Statistic:
 
 
 def probability_of(band: str) -> float | None:
-    """Probability of a quantile's band, as 0.95 for "q95"; None for any other band."""
+    """Return the probability of a quantile's band, as 0.95 for "q95"; None for any other band."""
     return int(band[1:]) / 100 if band[0] == "q" and band[1:].isdigit() else None
 
 
@@ -137,25 +137,25 @@ def _energy_steps(largest_kj: float) -> int:
 
 
 def _energy_edges(largest_kj: float) -> FloatArray:
-    """Edges (kJ)."""
+    """Return edges (kJ)."""
     steps = np.arange(-60, _energy_steps(largest_kj) + 1)
     return np.concatenate([[0.0], 30.0 * 10.0 ** (steps / 20.0)])
 
 
 def _height_edges(largest_m: float) -> FloatArray:
-    """Edges (m)."""
+    """Return edges (m)."""
     steps = max(int(np.ceil(np.log(max(largest_m, 4.0) / 2.0) / np.log(1.06))), 1)
     return np.concatenate([np.arange(0.0, 2.0, 0.1), 2.0 * 1.06 ** np.arange(steps + 1)])
 
 
 def _speed_edges(largest_mps: float) -> FloatArray:
-    """Edges (m/s)."""
+    """Return edges (m/s)."""
     fast = np.arange(20.0, max(largest_mps, 22.0) + 1.0, 1.0)
     return np.concatenate([np.arange(0.0, 20.0, 0.5), fast])
 
 
 def _arrival_edges(_: float) -> FloatArray:
-    """Edges up to half an hour (s)."""
+    """Return edges up to half an hour (s)."""
     steps = int(np.ceil(np.log(180.0) / np.log(1.05)))
     return np.concatenate([np.arange(0.0, 10.0, 0.5), 10.0 * 1.05 ** np.arange(steps + 1)])
 
@@ -272,12 +272,12 @@ SUM_NAMES = tuple(s.name for s in SUMS)
 
 
 def sums_by(reducer: Reducer) -> tuple[CellSum, ...]:
-    """The sums of one kind, in the order of the kernel's columns."""
+    """Return the sums of one kind, in the order of the kernel's columns."""
     return tuple(s for s in SUMS if s.reducer == reducer)
 
 
 def wider(name: str, counts: NDArray[Any], bins: Bins) -> NDArray[Any]:
-    """A sum per cell with as many bins as the histograms of a larger terrain have."""
+    """Return a sum per cell with as many bins as the histograms of a larger terrain have."""
     if name not in bins.edges:
         return counts
     out = np.zeros((counts.shape[0], bins.edges[name].size - 1), counts.dtype)
@@ -301,7 +301,7 @@ def default_bins(
     largest_speed_mps: float = 80.0,
     thresholds_kj: Sequence[float] = (),
 ) -> Bins:
-    """Edges of the histograms that the map's quantiles come from, and energies of hazard curves.
+    """Return edges of the histograms behind map quantiles, and energies of hazard curves.
 
     Hazard curves: 0, four energies a decade from 0.95 kJ with 30 and 300 kJ among them, and the
     thresholds given. The energies of a larger terrain begin with those of a smaller one.
@@ -320,7 +320,7 @@ def default_bins(
 
 
 def bins_of(run: MapRun) -> Bins:
-    """Bins of a run on the map."""
+    """Return bins of a run on the map."""
     relief = float(np.nanmax(run.grid.values) - np.nanmin(run.grid.values))
     return bins_for(relief, run.blocks, run.engine, run.thresholds_kj)
 
@@ -331,7 +331,7 @@ def bins_for(
     engine: EngineSettings,
     thresholds_kj: Sequence[float] = (),
 ) -> Bins:
-    """Bins for blocks that fall through a relief, between the highest and the lowest place (m).
+    """Make bins for blocks that fall through a relief, between highest and lowest place (m).
 
     The initial drop and speed of the blocks count too; ``thresholds_kj`` are energies that hazard
     curves must have a value for.

@@ -1,6 +1,6 @@
 """How layers look in QGIS: one description, used in every place that QGIS reads.
 
-The XML made of it (``raster_style``, ``vector_style``) goes into the ``.qml`` beside a raster, the
+The XML made of it (``raster_style``, ``vector_style``) goes into the ``.qml`` next to a raster, the
 ``layer_styles`` table of the GeoPackage and the project, so that a layer looks the same wherever it
 is opened from. It is the format of QGIS 3.22; later versions read it.
 """
@@ -32,7 +32,7 @@ Hatch = Literal["", "diagonal", "horizontal", "falling"]
 
 @dataclass(frozen=True, slots=True)
 class FieldInfo:
-    """What a column means."""
+    """Meaning of a column."""
 
     alias: str  # name shown to the reader, without the unit
     unit: str = ""  # empty for none
@@ -95,7 +95,7 @@ class VectorStyle:
     method: Literal["simple", "categories", "ranges"] = "simple"
     column: str = ""  # whose values choose the class
     classes: tuple[StyleClass, ...] = field(default=())  # ranges ascending
-    label_column: str = ""  # whose text is written beside the feature; empty for none
+    label_column: str = ""  # whose text is written next to the feature; empty for none
     # Denominator of the smallest scale at which the layer is drawn; 0: at all.
     smallest_scale: float = 0.0
 
@@ -112,7 +112,7 @@ class VectorStyle:
 
 
 def class_limits(breaks: Sequence[float]) -> list[tuple[float, float]]:
-    """Lower and upper limits of the classes that ascending ``breaks`` make.
+    """Return the lower and upper limits of the classes that ascending ``breaks`` make.
 
     The limits belong to the class above: lower <= value < upper. The first class is open below,
     the last above. A first break of zero opens no class below itself, as nothing that is mapped
@@ -130,12 +130,12 @@ def class_limits(breaks: Sequence[float]) -> list[tuple[float, float]]:
 
 
 def class_labels(breaks: Sequence[float], unit: str) -> list[str]:
-    """Legend texts of the classes of :func:`class_limits`, with the unit."""
+    """Return legend texts of the classes of :func:`class_limits`, with the unit."""
     return [_range_label(low, high, unit) for low, high in class_limits(breaks)]
 
 
 def class_colours(breaks: Sequence[float], ramp: str) -> list[str]:
-    """Colours (``#rrggbb``) of the classes of :func:`class_limits`.
+    """Return colours (``#rrggbb``) of the classes of :func:`class_limits`.
 
     The classes are spread over the ramp from end to end, the one below the first break included
     even where zero as the first break leaves it out: so the palest end of a ramp can be avoided.
@@ -149,7 +149,7 @@ def class_colours(breaks: Sequence[float], ramp: str) -> list[str]:
 
 
 def class_tint(entry: RasterClass) -> str:
-    """Colour (``#rrggbb``) of a class on a raster, where no lines can be drawn.
+    """Return colour (``#rrggbb``) of a class on a raster, where no lines can be drawn.
 
     A hatched class is as pale as its colour and white in equal parts: what a hatch looks like from
     afar.
@@ -160,12 +160,12 @@ def class_tint(entry: RasterClass) -> str:
 
 
 def class_name(entry: RasterClass) -> str:
-    """Legend text of a class on a raster; it says where a pale tint represents a hatch."""
+    """Return legend text of a class on a raster; it says where a pale tint represents a hatch."""
     return translated(phrase("{} (pale)", phrase(entry.label))) if entry.hatched else entry.label
 
 
 def with_unit(text: str, unit: str) -> str:
-    """A text with its unit, if it has one."""
+    """Return a text with its unit, if it has one."""
     return phrase("{} {}", text, phrase(unit)) if unit and unit != "1" else text
 
 
@@ -178,7 +178,7 @@ def _range_label(low: float, high: float, unit: str) -> str:
 
 
 def zero_is_nothing(unit: str) -> bool:
-    """Whether a value of 0 in this unit stays clear on the map.
+    """Return whether a value of 0 in this unit stays clear on the map.
 
     A passing height of 0 m is a block that rolls; a count, probability or energy of 0 is no block.
     """
@@ -194,7 +194,10 @@ def categorised_style(
     entries: Mapping[str | int, tuple[str, str]],
     smallest_scale: float = 0.0,
 ) -> VectorStyle:
-    """One colour per value: the symbol in that of each entry, which is (label, ``#rrggbb``)."""
+    """Return one colour per value.
+
+    The symbol has the colour of each entry, which is (label, ``#rrggbb``).
+    """
     return VectorStyle(
         symbol=symbol,
         method="categories",
@@ -263,7 +266,7 @@ def _ramps() -> Mapping[str, tuple[str, ...]]:
 
 
 def ramp_colours(ramp: str, count: int) -> list[str]:
-    """Colours (``#rrggbb``) evenly along a ramp, from end to end.
+    """Return colours (``#rrggbb``) evenly along a ramp, from end to end.
 
     Raises
     ------
@@ -280,6 +283,6 @@ def ramp_colours(ramp: str, count: int) -> list[str]:
 
 
 def rgb(colour: str) -> tuple[int, int, int]:
-    """Red, green and blue (0 to 255) of a colour ``#rrggbb``."""
+    """Return red, green and blue (0 to 255) of a colour ``#rrggbb``."""
     red, green, blue = bytes.fromhex(colour.removeprefix("#"))
     return red, green, blue

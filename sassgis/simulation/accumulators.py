@@ -1,4 +1,4 @@
-"""What a run on the map has added up so far, and how the result of a chunk is added to it."""
+"""Sums of a run on the map so far, and how the result of a chunk is added to them."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from sassgis.simulation.source_sums import SourceSums
 
 @dataclass(frozen=True, slots=True)
 class ChunkResult:
-    """What one chunk gave."""
+    """Result of one chunk."""
 
     area: int  # position of its release area
     # Shape (n,); release points of which it has a repetition each; some may be there several times.
@@ -37,7 +37,7 @@ class ChunkResult:
 
 @dataclass
 class SourceTally:
-    """What has been added up of one source: a block scenario of a release area."""
+    """Sums of one source: a block scenario of a release area."""
 
     # Places are flat indices of cells and numbers of objects. A block counts for a cell if it comes
     # within half the reference width of its centre.
@@ -52,7 +52,7 @@ class SourceTally:
 
     @classmethod
     def fresh(cls, run: MapRun) -> SourceTally:
-        """Nothing added yet."""
+        """Return nothing added yet."""
         n = bins_of(run).threshold.size
         return cls(
             SourceSums(n), SourceSums(n), ControlLineSums(tuple(g for g, _ in run.control_lines))
@@ -83,7 +83,7 @@ class SourceTally:
 
 @dataclass
 class Progress:
-    """What has been added up so far; grows chunk by chunk, in their order."""
+    """Sums so far; they grow chunk by chunk, in their order."""
 
     chunks: int  # added
     sums: MapSums
@@ -106,11 +106,11 @@ class Progress:
     stop_share: float = 1.0  # of all blocks that they are
     rounds: tuple[Round, ...] = (Round(),)  # what the chunks are of
     seconds: float = 0.0  # for which blocks have been simulated
-    worth: Worth | None = None  # by which the present round shows where more blocks would help
+    worth: Worth | None = None  # by which the present repetition shows where more blocks would help
     # Shape (n_points, n_scenarios); the worth of what the blocks of a repetition leave open, summed
-    # over those of the round.
+    # over those of the repetition.
     scores: FloatArray = field(default_factory=lambda: np.zeros((0, 0)))
-    # After each round: blocks that were simulated, and the share of the zoned area whose level
+    # After each repetition: blocks that were simulated, and the share of the zoned area whose level
     # another sample would change.
     history: list[tuple[int, float]] = field(default_factory=list)
 
@@ -128,7 +128,7 @@ class Progress:
 
     @classmethod
     def fresh(cls, run: MapRun) -> Progress:
-        """Nothing added yet."""
+        """Return nothing added yet."""
         n_rows, n_cols = run.grid.shape
         return cls(
             0, MapSums(n_rows * n_cols), ControlLineSums(tuple(g for g, _ in run.control_lines)),
@@ -193,7 +193,7 @@ def _keep_fewer(progress: Progress, seed: int, share: float) -> None:
 
 
 def _furthest(rows: BlockRows) -> tuple[float, int, int, int]:
-    """The longest run-out and whose it is; the first in the order of the run among equals."""
+    """Return longest run-out and whose it is; the first in the order of the run among equals."""
     rows = _rocks_alone(rows, rows.rocks["piece"] == 0)
     reach = rows.rocks["runout_m"]
     line, rock, scenario = rows.rocks["line"], rows.rocks["rock"], rows.rock_scenario
@@ -202,7 +202,7 @@ def _furthest(rows: BlockRows) -> tuple[float, int, int, int]:
 
 
 def sample_of(run: MapRun, progress: Progress) -> Sample:
-    """The sample behind the maps: the simulated blocks that started."""
+    """Return the sample behind the maps: the simulated blocks that started."""
     return Sample(
         started=int(progress.reasons.sum() - progress.reasons[StopReason.NEVER_STARTED]),
         rocks_per_line=run.release.rocks_per_point,
@@ -212,13 +212,13 @@ def sample_of(run: MapRun, progress: Progress) -> Sample:
 
 
 def line_ends(progress: Progress) -> dict[LineEnd, int]:
-    """How many fall lines end for which reason."""
+    """Count the fall lines that end for each reason."""
     ends = np.concatenate([np.empty(0, np.uint8), *(f.end for f in progress.lines)])
     return {e: int((ends == e).sum()) for e in LineEnd}
 
 
 def joined_rows(parts: list[BlockRows]) -> BlockRows:
-    """Rows of several chunks as one."""
+    """Return rows of several chunks as one."""
     rocks, passages = np.empty(0, ROCK_DTYPE), np.empty(0, PASSAGE_DTYPE)
     empty = BlockRows.of_chunk(rocks, np.empty(0), np.empty(0), passages, 0, 1)
     names = [f.name for f in fields(BlockRows)]
@@ -226,7 +226,7 @@ def joined_rows(parts: list[BlockRows]) -> BlockRows:
 
 
 def joined_lines(parts: list[FallLines]) -> FallLines:
-    """Fall lines of several chunks as one."""
+    """Return fall lines of several chunks as one."""
     if not parts:
         empty = np.empty(0)
         none = np.empty(0, np.int64)
@@ -243,7 +243,9 @@ def joined_lines(parts: list[FallLines]) -> FallLines:
 
 
 def evenly_kept(rows: BlockRows, seed: int, share: float) -> BlockRows:
-    """A share of the blocks, chosen by the identity of each; smaller shares are parts of larger.
+    """Return a share of the blocks, chosen by the identity of each.
+
+    Smaller shares are parts of larger.
 
     A block that counts several times is as much more likely to be among them, up to a share of one
     over its weight.
@@ -254,7 +256,7 @@ def evenly_kept(rows: BlockRows, seed: int, share: float) -> BlockRows:
 
 
 def kept_stops(run: MapRun, progress: Progress) -> BlockRows:
-    """The blocks that are kept one by one, ``stop_points_max`` at most, by repetition."""
+    """Return the blocks that are kept one by one, ``stop_points_max`` at most, by repetition."""
     rows = joined_rows(progress.stops)
     # A run has them in this order; the sums of several areas were added up area by area.
     repetition = rows.rocks["rock"] // run.release.rocks_per_point
@@ -267,7 +269,7 @@ def kept_stops(run: MapRun, progress: Progress) -> BlockRows:
 
 
 def _lots(rows: BlockRows, seed: int) -> FloatArray:
-    """A number from 0 to 1 for each block, drawn from its identity, over its weight."""
+    """Return a number from 0 to 1 for each block, drawn from its identity, over its weight."""
     lots = rng.combined(
         rng.combined(
             rng.combined(rows.rocks["line"].astype(np.uint64), rows.rocks["rock"]),

@@ -1,4 +1,4 @@
-"""What is simulated along one profile; paths of single blocks, on profiles and in space."""
+"""Simulation along one profile; paths of single blocks, on profiles and in space."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ class ProfileInput:
 
 @dataclass(frozen=True, slots=True)
 class ProfileResult:
-    """What the blocks of a profile left."""
+    """Results of the blocks of a profile."""
 
     profile: ProfileInput
     rocks: NDArray[np.void]  # ROCK_DTYPE, shape (n_scenarios * n_rocks,)
@@ -96,7 +96,7 @@ class BlockPath:
 
 
 def _number(result: ProfileResult, control_line: str) -> int:
-    """Position of a station or barrier, by its name."""
+    """Return the position of a station or barrier, by its name."""
     return [line.name for line, _ in result.profile.control_lines].index(control_line)
 
 
@@ -109,7 +109,7 @@ def _passages(result: ProfileResult, control_line: str, quantity: str) -> NDArra
 def passage_histogram(
     result: ProfileResult, control_line: str, quantity: str, edges: Sequence[float], unit: str
 ) -> Histogram:
-    """Histogram of one quantity of the passages at a station or barrier, by its name."""
+    """Return the histogram of one quantity of the passages at a station or barrier, by its name."""
     values = _passages(result, control_line, quantity)
     counts, _ = np.histogram(np.clip(values, edges[0], edges[-1]), edges)
     return Histogram(np.asarray(edges, float), counts.astype(np.int64), unit)
@@ -118,19 +118,19 @@ def passage_histogram(
 def share_within(
     result: ProfileResult, control_line: str, quantity: str, low: float, high: float
 ) -> tuple[int, float]:
-    """Passages at a station or barrier, and the share of them between two limits (inclusive)."""
+    """Count passages at a station or barrier, and their share between two limits (inclusive)."""
     values = _passages(result, control_line, quantity)
     share = float(((values >= low) & (values <= high)).mean()) if values.size else float("nan")
     return int(values.size), share
 
 
 def arrivals(result: ProfileResult, control_line: str) -> int:
-    """Blocks that reached a station or barrier, by its name."""
+    """Return blocks that reached a station or barrier, by its name."""
     return result.control_lines.arrivals(_number(result, control_line))
 
 
 def stretches_of(s: FloatArray) -> FloatArray:
-    """Borders of the stretches of STRETCH_M in place of the cells of a map."""
+    """Return borders of the stretches of STRETCH_M in place of the cells of a map."""
     n = max(math.ceil((s[-1] - s[0]) / STRETCH_M), 1)
     border: FloatArray = s[0] + STRETCH_M * np.arange(n + 1)
     border[-1] = s[-1]

@@ -53,7 +53,7 @@ class Checkpoint:
         self._digests: list[str] = []
 
     def restore(self, run: MapRun, tell: Callable[[str], None]) -> Progress | None:
-        """Progress of an earlier run with the same fingerprint, if there is one that fits."""
+        """Restore the progress of an earlier run with the same fingerprint, if one fits."""
         if self.folder is None:
             return None
         file = self.folder / "state.npz"
@@ -112,7 +112,7 @@ class Checkpoint:
         return f"; {kept}: run the same command to resume"
 
     def rows(self) -> list[Path]:
-        """Files of the rows that were handed on, in order."""
+        """Return files of the rows that were handed on, in order."""
         return [self._part(i) for i in range(len(self._digests))]
 
     def _part(self, number: int) -> Path:
@@ -121,7 +121,7 @@ class Checkpoint:
 
 
 def state_of(progress: Progress) -> dict[str, NDArray[np.generic]]:
-    """Everything that has been added up, as plain arrays by name."""
+    """Return all sums as plain arrays by name."""
     state: dict[str, NDArray[np.generic]] = {
         "reasons": progress.reasons,
         "runout": progress.runout,
@@ -158,7 +158,7 @@ def state_of(progress: Progress) -> dict[str, NDArray[np.generic]]:
 def progress_from(
     state: dict[str, Any], n_cells: int, control_lines: tuple[ControlLine, ...]
 ) -> Progress:
-    """The progress of a run from its state, the cells of its grid and its stations and barriers."""
+    """Restore a run's progress from its state, grid cells, stations and barriers."""
     at_lines, sources = counts_from(state, n_cells, control_lines)
     worth = _group(state, "worth")
     furthest: Any = (*state["furthest_m"].tolist(), *state["furthest_rock"].tolist())
@@ -187,7 +187,7 @@ def progress_from(
 def counts_from(
     state: dict[str, Any], n_cells: int, control_lines: tuple[ControlLine, ...]
 ) -> tuple[ControlLineSums, dict[tuple[int, int], SourceTally]]:
-    """Passages at stations and barriers, and counts of each source, of a state or that part of it.
+    """Restore passages at control lines, and counts by source, from a state or part of it.
 
     The sources have the order in which they were saved. ValueError: there are counts outside of the
     grid.
@@ -210,7 +210,7 @@ def counts_from(
 
 
 def read_rows(part: Path) -> BlockRows:
-    """Rows of one file of a checkpoint; InputError if it is damaged."""
+    """Return rows of one file of a checkpoint; InputError if it is damaged."""
     stored = saved_or_refused(part, "rows of an earlier attempt; delete its folder to begin anew")
     return BlockRows(*(stored[f] for f in _ROW_FIELDS))
 

@@ -40,7 +40,7 @@ class Cluster:
     def in_order(
         self, work: Callable[[Any, Any], Any], common: Any, tasks: Iterable[Any]
     ) -> Generator[Any, None, None]:
-        """As ``Workers`` says.
+        """Return results in the order of the tasks, as ``Workers`` says.
 
         InputError: a worker has another version of the program. OutputError: the cluster is lost,
         or a task ends every process that it is given to.
@@ -66,7 +66,7 @@ class Cluster:
                 self._client.cancel(list(waiting))
 
     def _there(self, common: Any) -> ClusterFuture:
-        """What is common to the tasks, on the cluster; sent once."""
+        """Return the common data of the tasks on the cluster, sent once."""
         if self._sent is None or self._sent[0] is not common:
             # A task, not scattered data: the scheduler makes it anew where a worker is lost.
             content = pickle.dumps(common, protocol=5)
@@ -78,14 +78,14 @@ class Cluster:
     def _result(self, future: ClusterFuture) -> Any:
         with _cluster_errors():
             done = future.result()
-        # An error of a task is returned, and so told from those of the cluster.
+        # An error of a task is returned, and so distinguished from those of the cluster.
         if isinstance(done, Exception):
             raise done
         return done
 
 
 def _checked(version: str, work: Callable[[Any, Any], Any], common: Any, task: Any) -> Any:
-    """On a worker: one task, if this is the same program; another one computes other numbers."""
+    """Do one task on a worker if it has the same program; another computes other numbers."""
     if version != (own := _version()):
         return _other_version("a worker", own, version)
     try:
@@ -108,7 +108,7 @@ def _other_version(who: str, found: str, expected: str) -> InputError:
 
 @contextmanager
 def _cluster_errors() -> Iterator[None]:
-    """One line for what goes wrong with the cluster, whatever the work."""
+    """Turn what goes wrong with the cluster, whatever the work, into an error of one line."""
     from distributed import KilledWorker
 
     try:
@@ -130,7 +130,7 @@ def _cluster_errors() -> Iterator[None]:
 
 @contextmanager
 def cluster(scheduler: str) -> Iterator[Cluster]:
-    """Workers on the cluster of a dask scheduler at an address such as "tcp://node:8786".
+    """Open workers on the cluster of a dask scheduler at an address such as "tcp://node:8786".
 
     InputError: dask is not installed, nobody answers, or a worker has another version of the
     program.
@@ -160,7 +160,7 @@ def cluster(scheduler: str) -> Iterator[Cluster]:
 
 
 def _check_versions(client: Client, scheduler: str) -> None:
-    """Tell at once what every task would tell."""
+    """Raise at once what every task would raise."""
     try:
         found: dict[str, str] = client.run(_version)
     except (ImportError, AttributeError):

@@ -45,7 +45,7 @@ class Distribution:
     squares: IntArray
 
     def quantile(self, *probabilities: float) -> tuple[float, ...]:
-        """Quantiles, exact to the width of a bin; NaN if no block arrived."""
+        """Return quantiles, exact to the width of a bin; NaN if no block arrived."""
         values = quantiles(
             self.histogram.counts[None, :],
             self.histogram.edges,
@@ -121,15 +121,15 @@ class ControlLineSums:
             own["most"][numbers] = np.maximum(own["most"][numbers], more["most"])
 
     def outcomes(self, control_line: int) -> dict[Outcome, int]:
-        """How many blocks had which outcome at a control line (its position)."""
+        """Count the blocks by outcome at a control line (its position)."""
         return {o: int(self._outcomes[control_line, o]) for o in Outcome}
 
     def arrivals(self, control_line: int) -> int:
-        """Blocks that arrived at a control line (its position)."""
+        """Return blocks that arrived at a control line (its position)."""
         return int(self._outcomes[control_line].sum())
 
     def distribution(self, control_line: int, quantity: str) -> Distribution:
-        """One of QUANTITIES at a control line (its position)."""
+        """Return one of QUANTITIES at a control line (its position)."""
         unit, edges = QUANTITIES[quantity]
         count = self.arrivals(control_line)
         own = self._of[quantity]
@@ -144,7 +144,7 @@ class ControlLineSums:
         )
 
     def state(self) -> dict[str, NDArray[np.generic]]:
-        """Everything that is needed to go on later, as plain arrays."""
+        """Return the state needed to go on later, as plain arrays."""
         sums = {f"{n}_{q}": array for q, own in self._of.items() for n, array in own.items()}
         return {"outcomes": self._outcomes, **sums}
 
@@ -152,7 +152,7 @@ class ControlLineSums:
     def from_state(
         cls, control_lines: tuple[ControlLine, ...], state: Mapping[str, NDArray[np.generic]]
     ) -> ControlLineSums:
-        """The sums that ``state`` gave."""
+        """Return the sums that ``state`` returned."""
         sums = cls(control_lines)
         for name, own in sums.state().items():
             own[...] = state[name]
@@ -166,7 +166,9 @@ def _squares(
     point: IntArray | None,
     shape: tuple[int, int],
 ) -> IntArray:
-    """Squares as of Distribution, of passages of blocks from some points; None: of single blocks.
+    """Return squares as of Distribution, of passages of blocks from some points.
+
+    ``None`` stands for single blocks.
 
     Has the shape (control lines, bins).
     """
@@ -184,7 +186,7 @@ def _squares(
 def energy_behind(
     energy_kj: FloatArray, outcome: NDArray[np.uint8], capacity_kj: FloatArray
 ) -> FloatArray:
-    """Energy with which blocks go on behind a line (kJ): 0 of those that a barrier takes.
+    """Return energy with which blocks go on behind a line (kJ): 0 of those that a barrier takes.
 
     Of each block its energy where it arrives, its Outcome and the capacity of the barrier.
     """
@@ -195,7 +197,7 @@ def energy_behind(
 
 
 def trimmed(histogram: Histogram, bins: int = 15) -> Histogram:
-    """A histogram for drawing: alike bins to just beyond what was counted.
+    """Return a histogram for drawing: alike bins to just beyond what was counted.
 
     From 0 for evenly spaced edges; from what was counted where edges grow by a factor. The width
     is a whole number of the fine bins. The last bin is empty, unless the last of the fine ones,
@@ -226,7 +228,7 @@ BARRIER_OUTCOMES = (Outcome.STOPPED, Outcome.HELD_BY_NET, Outcome.OVERTOPPED, Ou
 
 
 def control_line_rows(control_lines: ControlLineSums) -> list[dict[str, Any]]:
-    """A row of statistics for each station and barrier."""
+    """Return a row of statistics for each station and barrier."""
     rows = []
     for i, control_line in enumerate(control_lines.control_lines):
         row: dict[str, Any] = {"name": control_line.name, "kind": control_line.kind}

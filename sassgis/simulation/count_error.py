@@ -14,7 +14,7 @@ from sassgis.grid import FloatArray, IntArray
 def count_variance(
     count: IntArray, square: IntArray, rocks_per_line: int, strata: int, random_points: bool
 ) -> FloatArray:
-    """Sampling variance of the number of blocks that reach a place.
+    """Return the sampling variance of the number of blocks that reach a place.
 
     With k_l of the n blocks of line l in the place and K = Σ k_l: release points on a lattice are
     fixed, so only the blocks of each line are a sample (stratified sampling; Cochran 1977, section
@@ -39,7 +39,7 @@ def count_variance(
 
 
 def blocks_of_a_point(count: IntArray, square: IntArray) -> FloatArray:
-    """Blocks that come from one more release point, drawn at random.
+    """Return blocks that come from one more release point, drawn at random.
 
     With k_l blocks of point l the mean of k_l over the blocks, Σ k_l² / Σ k_l: points from which
     none comes do not count. 0 where no block comes from any.
@@ -51,7 +51,7 @@ def blocks_of_a_point(count: IntArray, square: IntArray) -> FloatArray:
 
 
 def widening(freedom: FloatArray | float, tail: float) -> FloatArray | float:
-    """By how much a variance with some degrees of freedom counts more than a known one.
+    """Return by how much a variance with some degrees of freedom counts more than a known one.
 
     The square of a quantile of Student's t over that of the normal distribution; ``tail`` is the
     probability beyond it. 1 at infinity.
@@ -64,7 +64,9 @@ def widening(freedom: FloatArray | float, tail: float) -> FloatArray | float:
 
 
 def pooled_freedom(variances: FloatArray, freedom: Sequence[float]) -> FloatArray:
-    """Degrees of freedom of sums of independent variances, each with its own; infinite for 0.
+    """Return degrees of freedom of sums of independent variances, each with its own.
+
+    They are infinite for a variance of 0.
 
     After Welch (1947, Biometrika 34: 28-35) and Satterthwaite (1946, Biometrics Bulletin 2:
     110-114). ``variances`` has the shape (n_samples, n).
@@ -82,7 +84,7 @@ def gamma_interval(
     confidence: float,
     freedom: FloatArray | float = math.inf,
 ) -> tuple[FloatArray, FloatArray]:
-    """Limits between which rates lie, given a sample.
+    """Return limits between which rates lie, given a sample.
 
     The gamma interval for weighted sums of counts (Fay and Feuer 1997, Statistics in Medicine 16:
     791-801): the lower limit is a quantile of the gamma distribution with the mean λ and variance v
@@ -102,12 +104,12 @@ def gamma_interval(
     confidence : float
         Probability that the interval holds the rate, below 1.
     freedom : float64
-        Degrees of freedom of the variances; infinite where blocks alone were drawn.
+        Degrees of freedom of the variances; infinite where only blocks were drawn.
 
     Returns
     -------
     lower, upper : float64
-        With no block counted the lower limit is 0; with variance 0, and blocks alone, it is the
+        With no block counted the lower limit is 0; with variance 0, and only blocks, it is the
         rate. NaN where the variance is.
     """
     if not 0.0 < confidence < 1.0:
@@ -128,7 +130,7 @@ def gamma_interval(
 def _gamma_quantile(
     tail: float, mean: FloatArray, variance: FloatArray, inverse: np.ufunc
 ) -> FloatArray:
-    """Quantile of the gamma distribution with a mean and variance; the mean where that is 0.
+    """Return quantile of the gamma distribution with a mean and variance; the mean where that is 0.
 
     Spreads below a hundred millionth of the mean count as 0.
     """

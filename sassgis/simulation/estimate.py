@@ -1,4 +1,4 @@
-"""What a run on the map will take, before anything is simulated: blocks, memory, time, files."""
+"""Estimate of a run on the map before anything is simulated: blocks, memory, time, files."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ _IN_MAP = 4
 
 @dataclass(frozen=True, slots=True)
 class RunEstimate:
-    """What a run will take."""
+    """Estimate of a run's blocks, memory, time and files."""
 
     blocks: int
     points: int
@@ -89,7 +89,7 @@ def _spoken(seconds: float) -> str:
 
 
 def estimate_of(run: MapRun, jobs: int, points: int | None = None, more: int = 1) -> RunEstimate:
-    """What a run will take on so many threads.
+    """Estimate the time and memory of a run on so many threads.
 
     Without ``points`` it has about as many release points as there will be; ``more`` as in
     RunEstimate.
@@ -125,7 +125,7 @@ def estimate_of(run: MapRun, jobs: int, points: int | None = None, more: int = 1
 
 
 def _windows_bytes(run: MapRun) -> int:
-    """Of the list of the windows around each cell of a chunk, which is made in one piece."""
+    """Estimate the bytes of the list of windows around each cell of a chunk, made at once."""
     if run.window is None:
         return 0
     steps = math.ceil(math.pi * (run.window.radius + 1.0) ** 2)
@@ -136,7 +136,7 @@ def _windows_bytes(run: MapRun) -> int:
 
 
 def reached_bytes(bins: Bins) -> int:
-    """Bytes of a cell that blocks come to: its sums, and its counts for the hazard curves.
+    """Return bytes of a cell that blocks come to: its sums, and its counts for the hazard curves.
 
     Counts and squares of a source, its rates and variances and those of all, and copies at work;
     sums with room to grow, those that are added, and their parts.
@@ -149,7 +149,10 @@ def reached_bytes(bins: Bins) -> int:
 
 
 def require_profile(config: Config, s: FloatArray, z: FloatArray, rocks: int) -> Bins:
-    """The bins of a run down a profile; InputError if so many blocks do not fit into the memory."""
+    """Return the bins of a run down a profile.
+
+    Raises InputError if so many blocks do not fit into the memory.
+    """
     bins = bins_for(float(np.ptp(z)), config.blocks, config.engine)
     stretches = round(min(float(np.ptp(s)) / STRETCH_M, 1e15))
     blocks = rocks * len(config.blocks)

@@ -68,7 +68,7 @@ class Chunk:
 
 @dataclass(frozen=True, slots=True)
 class _Common:
-    """What all chunks of a simulation have in common."""
+    """Data common to all chunks of a simulation."""
 
     run: MapRun
     planned: Plan
@@ -77,7 +77,7 @@ class _Common:
 
 
 def numbered(rows: NDArray[np.void], chunk: Chunk, each: int) -> NDArray[np.void]:
-    """Rows of blocks that are numbered within a chunk, with their numbers in the run.
+    """Return rows of blocks that are numbered within a chunk, with their numbers in the run.
 
     ``each`` is the number of blocks of a repetition.
     """
@@ -88,7 +88,7 @@ def numbered(rows: NDArray[np.void], chunk: Chunk, each: int) -> NDArray[np.void
 
 
 def path_terrain(run: MapRun) -> PathTerrain:
-    """What paths are followed on."""
+    """Return the terrain on which paths are followed."""
     return PathTerrain(
         run.heights, run.ground, run.terrain.segment_tolerance_m, run.control_lines, run.forest
     )
@@ -97,7 +97,10 @@ def path_terrain(run: MapRun) -> PathTerrain:
 def follow_blocks(
     run: MapRun, points: ReleasePoints, k: int, again: int | IntArray, **more: Any
 ) -> Simulated:
-    """Blocks of a scenario from points of one area, in some repetition; ``more`` as for follow."""
+    """Return blocks of a scenario from points of one area, in some repetition.
+
+    ``more`` as for follow.
+    """
     blocks = run.blocks[k]
     return follow(
         path_terrain(run), points, run.table, blocks, run.engine, seed=run.seed,
@@ -115,7 +118,7 @@ def blocks_on_lines(
     again: int | IntArray,
     **more: Any,
 ) -> Simulated:
-    """Blocks of a scenario on the lines of some points; ``more`` as for simulate."""
+    """Return blocks of a scenario on the lines of some points; ``more`` as for simulate."""
     blocks = run.blocks[k]
     return simulate(
         prepared.profiles, run.table, blocks, run.engine, seed=run.seed,
@@ -126,12 +129,15 @@ def blocks_on_lines(
 
 
 def on_known_ground(run: MapRun, points: ReleasePoints) -> NDArray[np.bool_]:
-    """Which release points lie on cells with a height: from the others no path is followed."""
+    """Find the release points that lie on cells with a height.
+
+    From the others no path is followed.
+    """
     return np.isfinite(run.heights.value_at(points.x, points.y))
 
 
 def traced(run: MapRun, planned: Plan, which: IntArray) -> TraceSet:
-    """The fall lines of some release points."""
+    """Return the fall lines of some release points."""
     return trace(run.grid, planned.surface, take(planned.starts, which), run.terrain)
 
 
@@ -164,7 +170,7 @@ _OfScenario = tuple[int, Simulated, NDArray[np.void], FloatArray, FloatArray]
 
 
 def _work(common: _Common, chunk: Chunk) -> ChunkResult:
-    """One chunk."""
+    """Simulate one chunk."""
     run, planned = common.run, common.planned
     good, traces, found = (_followed if run.followed else _on_lines)(common, chunk)
     area, each = int(planned.points.area[chunk.points[0]]), run.release.rocks_per_point
@@ -188,7 +194,7 @@ def _work(common: _Common, chunk: Chunk) -> ChunkResult:
 
 
 def _followed(common: _Common, chunk: Chunk) -> tuple[NDArray[np.bool_], None, list[_OfScenario]]:
-    """Blocks whose paths are followed, and which entries of a chunk have some."""
+    """Return blocks whose paths are followed, and which entries of a chunk have some."""
     run = common.run
     points = take(common.planned.points, chunk.points)
     known = on_known_ground(run, points)
@@ -209,7 +215,7 @@ def _followed(common: _Common, chunk: Chunk) -> tuple[NDArray[np.bool_], None, l
 def _on_lines(
     common: _Common, chunk: Chunk
 ) -> tuple[NDArray[np.bool_], TraceSet, list[_OfScenario]]:
-    """Blocks that keep to the lines of their points, which entries have some, and all lines."""
+    """Return blocks that keep to their points' lines, which entries have some, and all lines."""
     run, planned = common.run, common.planned
     traces = traced(run, planned, chunk.points)
     prepared = prepare_lines(run, traces)
@@ -231,7 +237,7 @@ def _on_lines(
 def chunks_of(
     planned: Plan, rounds: Sequence[Round] = (Round(),), size: int = CHUNK_POINTS
 ) -> list[Chunk]:
-    """The chunks of a plan, round by round; a chunk holds points of one area only."""
+    """Return the chunks of a plan, one repetition after the other; a chunk has one area."""
     area = planned.points.area
     starts = np.flatnonzero(np.diff(area, prepend=-1)) if area.size else np.empty(0, np.int64)
     of_area = [
@@ -242,7 +248,7 @@ def chunks_of(
     for own in rounds:
         numbers = own.first + np.arange(own.repetitions, dtype=np.int64)
         if own.halvings is None:
-            # Points beside each other, as all of a chunk then lies on few cells.
+            # Points next to each other, as all of a chunk then lies on few cells.
             chunks += [
                 Chunk(part, np.full(part.size, number), planned.scenarios[area[part[0]]], 1)
                 for number in numbers
@@ -310,7 +316,7 @@ _POINTS = 40
 
 
 def sampled_plan(run: MapRun, planned: Plan, blocks: int, points: int) -> tuple[MapRun, Plan]:
-    """Part of a run: release points evenly over the plan, and the first blocks of each.
+    """Return the part of a run: release points evenly over the plan, and the first blocks of each.
 
     About so many blocks of at least so many release points, if there are.
     """
@@ -333,7 +339,7 @@ def sampled_plan(run: MapRun, planned: Plan, blocks: int, points: int) -> tuple[
 
 
 def plan_of_points(planned: Plan, which: IntArray) -> Plan:
-    """The plan with some of its release points alone; each has the same random draws."""
+    """Return the plan with only some of its release points; each has the same random draws."""
     return replace(
         planned,
         points=take(planned.points, which),

@@ -44,11 +44,11 @@ class MapSums:
         return self._cells[: self._used]
 
     def column(self, name: str) -> NDArray[Any]:
-        """One of the sums, rows as ``cells``."""
+        """Return one of the sums, rows as ``cells``."""
         return self._sums[name][: self._used]
 
     def rows_at(self, cells: IntArray) -> IntArray:
-        """Rows of some cells; -1 of those without sums."""
+        """Return rows of some cells; -1 of those without sums."""
         return self._row[cells].astype(np.int64)
 
     def add(
@@ -90,7 +90,7 @@ class MapSums:
             visits.add_to(tuple(self._sums[name] for name in n_bins or ()), row, weight)
 
     def _rows_of(self, cells: IntArray, shapes: Mapping[str, tuple[int, ...]]) -> IntArray:
-        """Rows of the cells, made where there were none; ``shapes`` of a row of each sum."""
+        """Return rows of the cells, made where there were none; ``shapes`` of a row of each sum."""
         fresh = cells[self._row[cells] < 0]
         end = self._used + fresh.size
         if end > self._cells.size or not self._sums:
@@ -108,12 +108,12 @@ class MapSums:
         return self.rows_at(cells)
 
     def state(self) -> dict[str, NDArray[Any]]:
-        """Everything that is needed to go on later, as plain arrays."""
+        """Return the state needed to go on later, as plain arrays."""
         return {"cells": self.cells, **{n: self.column(n) for n in self._sums}}
 
     @classmethod
     def from_state(cls, n_cells: int, state: Mapping[str, NDArray[Any]]) -> MapSums:
-        """The sums that ``state`` gave."""
+        """Return the sums that ``state`` returned."""
         sums = cls(n_cells)
         if len(state) > 1:
             sums.add(np.asarray(state["cells"], np.int64), {n: state[n] for n in SUM_NAMES})
@@ -132,9 +132,9 @@ def _enlarged(array: NDArray[Any], room: int, kept: CellSum) -> NDArray[Any]:
 def weighted_counts(
     count: IntArray, square: IntArray, weight: int, rocks_per_line: int
 ) -> tuple[IntArray, IntArray]:
-    """Numbers of blocks, and their squares by stratum, of blocks that count ``weight`` times each.
+    """Count blocks, and their squares by stratum, of blocks that count ``weight`` times each.
 
-    The square is the one with which count_variance gives the variance of the weighted number: it
+    The square is the one with which count_variance returns the variance of the weighted number: it
     adds up over blocks of several weights, and is no sum of squares then.
     """
     if weight == 1:
@@ -146,7 +146,7 @@ def weighted_counts(
 def weighted_sums(
     sums: Mapping[str, NDArray[Any]], weight: int, rocks_per_line: int
 ) -> Mapping[str, NDArray[Any]]:
-    """Sums of the table, of blocks that count ``weight`` times each."""
+    """Return sums of the table, of blocks that count ``weight`` times each."""
     if weight == 1:
         return sums
     out = {
@@ -168,7 +168,7 @@ def quantiles(
     largest: FloatArray | None = None,
     smallest: FloatArray | None = None,
 ) -> FloatArray:
-    """Quantiles of values that were counted in bins.
+    """Return quantiles of values that were counted in bins.
 
     Within a bin the values are taken as spread evenly; no quantile exceeds the largest value seen
     or falls below the smallest.
@@ -223,7 +223,7 @@ class Sample:
 def reach_probability(
     reach: IntArray, reach_square: IntArray, sample: Sample
 ) -> tuple[FloatArray, FloatArray]:
-    """Share of the blocks that started that reach each cell, and its sampling standard error.
+    """Return the share of started blocks that reach each cell, and its sampling error.
 
     With k_l of n blocks of line l in the cell and N blocks that started, P = Σ k_l / N, of Σ k_l
     and Σ k_l²; the error is the root of ``count_variance`` over N, NaN where that is.
@@ -238,7 +238,7 @@ def reach_probability(
 def reach_limits(
     reach: IntArray, reach_square: IntArray, sample: Sample
 ) -> tuple[FloatArray, FloatArray]:
-    """Limits of a 95 % interval of the reach probability, 1 at most; NaN where its error is.
+    """Return limits of a 95 % interval of the reach probability, 1 at most; NaN where its error is.
 
     They are those of ``gamma_interval``.
     """
@@ -256,7 +256,7 @@ def reach_limits(
 def band_values(
     row: Statistic, sums: MapSums, sample: Sample, edges: Mapping[str, FloatArray]
 ) -> dict[str, FloatArray]:
-    """Values of the bands of a map, in its order.
+    """Return values of the bands of a map, in its order.
 
     Parameters
     ----------

@@ -31,9 +31,9 @@ _FACTS = ("runout_m", "time_s", "mass_kg", "max_energy_kj", "max_speed_mps", "ma
 def paths_on_line(
     run: MapRun, planned: Plan, line: int, scenario: int, rock: int
 ) -> LinePaths | None:
-    """Paths of blocks on one line of a run, in the repetition of one of them.
+    """Return paths of blocks on one line of a run, in the repetition of one of them.
 
-    Where paths are followed that of the one block alone. None if it is too short for a profile.
+    Where paths are followed only that of the one block. None if it is too short for a profile.
     Line, scenario and rock are numbers as in Progress.furthest.
     """
     which = np.array([line])
@@ -75,7 +75,7 @@ def paths_on_line(
 
 
 def some_paths(run: MapRun, planned: Plan) -> list[LinePaths]:
-    """Paths of the first block of some release points, evenly chosen; not the shortest."""
+    """Return paths of the first block of some release points, evenly chosen; not the shortest."""
     out = []
     for number, point in enumerate(_even_points(run, planned, _SHOWN)):
         scenarios = planned.scenarios[planned.points.area[point]]
@@ -85,7 +85,7 @@ def some_paths(run: MapRun, planned: Plan) -> list[LinePaths]:
 
 
 def _even_points(run: MapRun, planned: Plan, most: int) -> IntArray:
-    """Numbers of release points, so many at most, that lie evenly among those with blocks."""
+    """Choose numbers of release points, at most so many, evenly among those with blocks."""
     points = np.arange(len(planned.points), dtype=np.int64)
     if run.followed:
         points = points[on_known_ground(run, planned.points)]
@@ -96,7 +96,7 @@ def _even_points(run: MapRun, planned: Plan, most: int) -> IntArray:
 def _followed_again(
     run: MapRun, points: ReleasePoints, scenario: int, rock: int, blocks: int = 1
 ) -> Simulated:
-    """Some blocks of each release point of an area from one on, with their event logs."""
+    """Follow some blocks of each release point of an area from one on, with their event logs."""
     repetition, number = divmod(rock, run.release.rocks_per_point)
     return follow_blocks(
         run, points, scenario, repetition, rocks_per_point=blocks, first_rock=number,
@@ -113,7 +113,10 @@ def _on_lines_again(
     again: int = 0,
     first: int = 0,
 ) -> tuple[TraceSet, PreparedLines, Simulated | None]:
-    """Some blocks of release points on their lines, with event logs; None if all are too short."""
+    """Simulate some blocks of release points on their lines, with event logs.
+
+    Returns None if all are too short.
+    """
     traces = traced(run, planned, which)
     prepared = prepare_lines(run, traces)
     result = None
@@ -126,9 +129,9 @@ def _on_lines_again(
 
 
 def _in_plan(grid: Grid, log: NDArray[np.void]) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Chainage and coordinates of a path that was followed, where its block moves on (m).
+    """Return chainage and coordinates of a path that was followed, where its block moves on (m).
 
-    A block that slides back a little does so on its own path.
+    A block that slides back a little does so on its path.
     """
     ahead = np.flatnonzero(np.diff(log["x_m"], prepend=-np.inf) > 0.0)
     return (
@@ -139,7 +142,7 @@ def _in_plan(grid: Grid, log: NDArray[np.void]) -> tuple[FloatArray, FloatArray,
 
 
 def sample_paths(run: MapRun, planned: Plan, most: int) -> tuple[BlockPath, ...]:
-    """Paths of the first blocks of release points that lie evenly over the plan, so many at most.
+    """Return paths of the first blocks of release points evenly over the plan, at most so many.
 
     They are blocks of the run, of its first repetition, simulated again. Of each point and scenario
     there are several only where all points have one. Those that never start are left out.
@@ -164,7 +167,7 @@ def sample_paths(run: MapRun, planned: Plan, most: int) -> tuple[BlockPath, ...]
 def _paths(
     run: MapRun, planned: Plan, which: IntArray, scenario: int, numbers: range
 ) -> Iterator[BlockPath]:
-    """Paths of some blocks of each of some release points of one area."""
+    """Yield paths of some blocks of each of some release points of one area."""
     prepared: PreparedLines | None = None
     result: Simulated | None
     if run.followed:

@@ -34,7 +34,7 @@ _FEWEST_BLOCKS, _FEWEST_CELLS = 20, 10
 
 @dataclass(frozen=True, slots=True)
 class RunOutcome:
-    """What blocks did, as far as it is compared."""
+    """Outcome of the blocks, as far as it is compared."""
 
     runout: IntArray  # shape (n,); blocks that started by run-out, in whole metres
     cells: IntArray  # shape (n_cells,); flat indices of the cells that blocks reach, ascending
@@ -48,7 +48,7 @@ class RunOutcome:
         return int(self.runout.sum())
 
     def runout_m(self, *probabilities: float) -> FloatArray:
-        """Quantiles of the run-out (m); NaN without blocks."""
+        """Return quantiles of the run-out (m); NaN without blocks."""
         edges = np.arange(self.runout.size + 1, dtype=np.float64)
         given = tuple(float(np.clip(p, 0.0, 1.0)) for p in probabilities)
         if not self.blocks:
@@ -56,7 +56,7 @@ class RunOutcome:
         return quantiles(self.runout[None, :], edges, given)[:, 0]
 
     def runout_limits(self, probability: float) -> FloatArray:
-        """Limits of about 95 % confidence of a quantile of the run-out, from its order (m)."""
+        """Return limits of about 95 % confidence of a run-out quantile, from its order (m)."""
         room = 1.96 * np.sqrt(probability * (1.0 - probability) / max(self.blocks, 1))
         return self.runout_m(probability - room, probability + room)
 
@@ -75,7 +75,7 @@ class RelativeChange(NamedTuple):
 
 
 def outcome_of(progress: Progress, bins: Bins) -> RunOutcome:
-    """What the blocks of a run did."""
+    """Return the outcome of the blocks of a run."""
     runout, cells = progress.started_runout, progress.sums.cells
     if not cells.size:
         return RunOutcome(runout, cells, np.empty(0))
@@ -88,14 +88,14 @@ def outcome_of(progress: Progress, bins: Bins) -> RunOutcome:
 
 
 def energy_q95_kj(sums: MapSums, which: NDArray[Any], bins: Bins) -> FloatArray:
-    """95 % quantile of the kinetic energy (kJ) in some rows of the sums."""
+    """Return 95 % quantile of the kinetic energy (kJ) in some rows of the sums."""
     counts, largest = (sums.column(name)[which] for name in ("energy", "energy_max"))
     energy: FloatArray = quantiles(counts, bins.edges["energy"], (0.95,), largest)[0]
     return energy
 
 
 def response(base: RunOutcome, other: RunOutcome) -> dict[str, RelativeChange]:
-    """Relative changes of the MEASURES from ``base`` to ``other``.
+    """Return relative changes of the MEASURES from ``base`` to ``other``.
 
     The energies are compared cell by cell where enough blocks arrive in both; the answer is the
     median over these cells. Changes of run-out are certain where the confidence limits of the
@@ -125,7 +125,7 @@ class ToleranceCheck:
     answers: Mapping[float, Mapping[str, RelativeChange]]  # by the tolerance (m) and the measure
 
     def sentence(self) -> str:
-        """The changes in words."""
+        """Return the changes in words."""
         text = "{}: median run-out {}, run-out (95 %) {}, energy (95 %) {}"
         parts = (
             phrase(text, f"{t:g} m", *map(str, found.values())) for t, found in self.answers.items()
@@ -133,7 +133,7 @@ class ToleranceCheck:
         return joined("; ", parts)
 
     def facts(self) -> dict[str, object]:
-        """For the manifest: plain numbers, None where too few blocks tell."""
+        """Return plain numbers for the manifest, None where there are too few blocks."""
         changes = {
             f"{t:g} m": {
                 name: None if np.isnan(own.value) else round(own.value, 3)
@@ -144,7 +144,7 @@ class ToleranceCheck:
         return {"tolerance_m": self.tolerance_m, "blocks": self.blocks, "changes": changes}
 
     def warnings(self) -> list[str]:
-        """What the user should know."""
+        """Return warnings for the user."""
         large = [
             phrase("{} {} at {} m", phrase(MEASURES[name]), str(answer), f"{t:g}")
             for t, found in self.answers.items()

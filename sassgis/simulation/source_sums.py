@@ -37,7 +37,7 @@ class SourceSums:
         _add_rows(self._count, self._square, self._row[at], count, square, reached)
 
     def _found(self, places: IntArray) -> tuple[IntArray, NDArray[np.bool_]]:
-        """Where among the places some are or would be, and whether they are there."""
+        """Find where among the places some are or would be, and whether they are there."""
         at = np.searchsorted(self._places, places)
         known = at < self._places.size
         known[known] = self._places[at[known]] == places[known]
@@ -58,17 +58,17 @@ class SourceSums:
                 setattr(self, name, larger)
 
     def counts(self) -> SourceCounts:
-        """All that was added."""
+        """Return the counts added so far."""
         return SourceCounts(self._places, self._count[self._row], self._square[self._row])
 
     def state(self) -> dict[str, NDArray[Any]]:
-        """Everything that is needed to go on later, as plain arrays."""
+        """Return the state needed to go on later, as plain arrays."""
         counts = self.counts()
         return {"places": counts.places, "count": counts.count, "square": counts.square}
 
     @classmethod
     def from_state(cls, state: Mapping[str, NDArray[Any]]) -> SourceSums:
-        """The counts that ``state`` gave."""
+        """Return the counts that ``state`` returned."""
         sums = cls(int(state["count"].shape[1]))
         sums.add(*(np.asarray(state[n], np.int64) for n in ("places", "count", "square")))
         return sums

@@ -15,7 +15,7 @@ from queue import SimpleQueue
 from subprocess import PIPE, Popen, TimeoutExpired
 from typing import IO, Any
 
-#: Libraries that would each start threads of their own.
+#: Libraries that would each start separate threads.
 _THREADS = (
     "NUMBA_NUM_THREADS",
     "OMP_NUM_THREADS",
@@ -43,7 +43,7 @@ class WorkerLost(Exception):
 
 
 class WorkerProcess:
-    """A clean interpreter with pipes of its own, which works in a single thread.
+    """A clean interpreter with separate pipes, which works in a single thread.
 
     Not of ``multiprocessing``: that looks for modules in the current folder as it starts, loads the
     program that is running, shares pipes among processes, of which one that is killed leaves the
@@ -63,7 +63,7 @@ class WorkerProcess:
         self._holds: bytes | None = None
 
     def do(self, common: bytes, call: bytes) -> Any:
-        """The result of a pickled (work, task), with what is common to the tasks, also pickled.
+        """Return result of a pickled (work, task), with what is common to the tasks, also pickled.
 
         Raises what the work raises, and WorkerLost.
         """
@@ -85,7 +85,7 @@ class WorkerProcess:
         return result
 
     def runs(self) -> bool:
-        """Whether the process has not ended."""
+        """Return whether the process has not ended."""
         return self._popen.poll() is None
 
     def kill(self) -> None:
@@ -96,7 +96,7 @@ class WorkerProcess:
         """Wait for the end of the process; its exit code."""
         for pipe in (self._popen.stdin, self._popen.stdout):
             assert pipe is not None
-            # What is left to be sent has nobody to go to.
+            # What remains to be sent has nobody to go to.
             with suppress(OSError):
                 pipe.close()
         return self._popen.wait()
@@ -108,7 +108,7 @@ def _send(pipe: IO[bytes], message: bytes) -> None:
 
 
 def serve() -> None:
-    """In a worker process: work on what comes by standard input, and end where that ends."""
+    """Work on what comes by standard input in a worker process, and end where that ends."""
     # They reach all processes of a terminal; the first one sees to the others.
     for number in OF_TERMINALS:
         signal.signal(number, signal.SIG_IGN)
@@ -137,7 +137,7 @@ def _listen(calls: IO[bytes], came: SimpleQueue[bytes]) -> None:
 
 
 def _answer(common: Any, call: bytes) -> bytes:
-    """The pickled result of a task and None, or None and its error."""
+    """Return the pickled result of a task and None, or None and its error."""
     try:
         work, task = pickle.loads(call)
         return pickle.dumps((work(common, task), None), pickle.HIGHEST_PROTOCOL)

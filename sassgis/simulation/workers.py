@@ -62,7 +62,7 @@ def held_back() -> Iterator[None]:
 
 @contextmanager
 def one_algebra_thread() -> Iterator[None]:
-    """Linear algebra in one thread: more change the last digits, and small products only wait."""
+    """Keep linear algebra to one thread: more change the last digits, small products only wait."""
     # The library sets an environment variable for the whole process when it is imported.
     name = "KMP_DUPLICATE_LIB_OK"
     before = os.environ.get(name)
@@ -75,7 +75,7 @@ def one_algebra_thread() -> Iterator[None]:
 
 
 def available_cores() -> int:
-    """Processor cores that this process may use."""
+    """Return processor cores that this process may use."""
     try:
         return len(os.sched_getaffinity(0))
     except AttributeError:
@@ -88,7 +88,7 @@ class Workers(Protocol):
     def in_order(
         self, work: Callable[[Any, Any], Any], common: Any, tasks: Iterable[Any]
     ) -> Generator[Any, None, None]:
-        """Results of ``work(common, task)`` in the order of the tasks, a few at work at a time.
+        """Yield results of ``work(common, task)`` in the order of the tasks, a few at a time.
 
         Closing the generator gives up what was not asked for yet.
         """
@@ -116,7 +116,7 @@ class Threads:
     def in_order(
         self, work: Callable[[Any, Any], Any], common: Any, tasks: Iterable[Any]
     ) -> Generator[Any, None, None]:
-        """As ``Workers`` says."""
+        """Return results in the order of the tasks, as ``Workers`` says."""
         with ThreadPoolExecutor(self.count) as pool:
             yield from _in_order(pool, partial(work, common), tasks, 2 * self.count)
 
@@ -157,7 +157,7 @@ class Processes:
     def in_order(
         self, work: Callable[[Any, Any], Any], common: Any, tasks: Iterable[Any]
     ) -> Generator[Any, None, None]:
-        """As ``Workers`` says.
+        """Return results in the order of the tasks, as ``Workers`` says.
 
         OutputError: one process after another is lost at the same task, or none can be started.
         """
@@ -167,7 +167,7 @@ class Processes:
         yield from _in_order(self._threads, do, tasks, self._ahead)
 
     def _do(self, work: Callable[[Any, Any], Any], common: bytes, task: Any) -> Any:
-        """The result of one task, in a thread of its process."""
+        """Return the result of one task, in a thread of its process."""
         call = pickle.dumps((work, task), pickle.HIGHEST_PROTOCOL)
         for _ in range(_LOST_MOST):
             process = self._process()
@@ -185,7 +185,7 @@ class Processes:
         )
 
     def _process(self) -> WorkerProcess:
-        """A process that has nothing at work, or a new one."""
+        """Return a process that has nothing at work, or a new one."""
         with self._lock:
             if self._ended:
                 raise CancelledError
@@ -204,7 +204,7 @@ class Processes:
 
 @contextmanager
 def task_map(common: Any, jobs: int | Workers, ahead: int = 16) -> Iterator[TaskMap]:
-    """What maps functions of (common, task) over tasks: this process, several, or other workers."""
+    """Yield what maps functions of (common, task) over tasks: one process, several, or others."""
     if not isinstance(jobs, int):
         workers = jobs
         yield lambda work, tasks: workers.in_order(work, common, tasks)
@@ -219,9 +219,9 @@ def task_map(common: Any, jobs: int | Workers, ahead: int = 16) -> Iterator[Task
 def beside(
     work: Callable[[], R], given_up: ContextVar[threading.Event | None]
 ) -> Iterator[Callable[[], R]]:
-    """A function at work in a thread beside the ``with`` block, and what waits for its result.
+    """Run a function in a thread next to the ``with`` block; yield what waits for its result.
 
-    It works in the language of the caller, and has ended when the block ends. ``given_up`` tells it
+    It works in the language of the caller, and has ended when the block ends. ``given_up`` shows it
     when the block has failed or was stopped, so that nobody waits for all of it.
     """
     stop, context = threading.Event(), copy_context()
@@ -237,7 +237,7 @@ def beside(
 def _in_order(
     pool: ThreadPoolExecutor, work: Callable[[Any], Any], tasks: Iterable[Any], ahead: int
 ) -> Generator[Any, None, None]:
-    """Results in the order of the tasks, of which so many wait."""
+    """Yield results in the order of the tasks, of which so many wait."""
     waiting: deque[Future[Any]] = deque()
     try:
         for task in tasks:

@@ -1,4 +1,4 @@
-"""What changes from one result to another: maps, zones, run-out, control lines, objects."""
+"""Changes from one result to another: maps, zones, run-out, control lines, objects."""
 
 from __future__ import annotations
 
@@ -113,12 +113,12 @@ class ResultChange:
     notes: tuple[str, ...] = ()  # what a reader must know before comparing numbers
 
     def row(self, part: str, quantity: str, name: str = "") -> ChangeRow:
-        """The row of a number."""
+        """Return the row of a number."""
         wanted = (part, name, quantity)
         return next(r for r in self.rows if (r.part, r.name, r.quantity) == wanted)
 
     def of(self, part: str) -> tuple[ChangeRow, ...]:
-        """The rows of a part."""
+        """Return the rows of a part."""
         return tuple(r for r in self.rows if r.part == part)
 
     @property
@@ -131,13 +131,13 @@ class ResultChange:
 
     @property
     def verdict(self) -> str:
-        """What changes on the whole, in a few sentences."""
+        """Changes on the whole, in a few sentences."""
         if all(row.same for row in self.rows) and not self.higher_m2 and not self.lower_m2:
             return "Nothing changes. The two results agree in every number compared."
         return joined(" ", self._sentences())
 
     def lines(self) -> tuple[str, ...]:
-        """The most important numbers in words, a line each."""
+        """Return the most important numbers in words, a line each."""
         return (*self._sentences(), *self._object_lines())
 
     def _sentences(self) -> Iterator[str]:
@@ -182,7 +182,7 @@ def _signed(text: str) -> str:
 
 
 def limits_text(limits: tuple[float, ...], written: Callable[[float], str]) -> str:
-    """Limits by the sampling in brackets; nothing where none are known."""
+    """Return limits by the sampling in brackets; nothing where none are known."""
     low, high = limits
     if math.isnan(low):
         return ""
@@ -192,7 +192,7 @@ def limits_text(limits: tuple[float, ...], written: Callable[[float], str]) -> s
 
 
 def difference(before: FloatArray, after: FloatArray) -> FloatArray:
-    """After less before; where no block arrives counts as zero, NaN where none does in either."""
+    """Subtract before from after; zero where no block arrives, NaN where none does in either."""
     old, new = np.asarray(before, np.float64), np.asarray(after, np.float64)
     change = np.nan_to_num(new) - np.nan_to_num(old)
     result: FloatArray = np.where(np.isfinite(old) | np.isfinite(new), change, np.nan)
@@ -200,12 +200,12 @@ def difference(before: FloatArray, after: FloatArray) -> FloatArray:
 
 
 def compared_maps(before: StoredResult, after: StoredResult) -> tuple[ComparedMap, ...]:
-    """Maps that both results have."""
+    """Return maps that both results have."""
     return tuple(m for m in COMPARED if m.stem in before.maps and m.stem in after.maps)
 
 
 def levels_differ(before: StoredResult, after: StoredResult) -> str:
-    """Why hazard levels cannot be compared; empty if they can."""
+    """State why hazard levels cannot be compared; empty if they can."""
     if LEVEL.stem not in before.maps or LEVEL.stem not in after.maps:
         return "Hazard levels are not compared, because not both results have them."
     levels = [_levels(r) for r in (before, after)]
@@ -226,7 +226,7 @@ def levels_differ(before: StoredResult, after: StoredResult) -> str:
 
 
 def _levels(result: StoredResult) -> list[tuple[str, str]]:
-    """Label and code of the levels from low to high; the label again where no code is known."""
+    """Return label and code of the levels, low to high; the label again where no code is known."""
     labels = [c.label for c in sorted(result.maps[LEVEL.stem].classes, key=lambda c: c.value)]
     return list(zip(labels, result.level_codes or labels, strict=True))
 
@@ -278,7 +278,7 @@ _Both = tuple[StoredResult, StoredResult]
 
 
 def _certain(both: _Both) -> np.ndarray:
-    """Cells whose reach probability differs by more than both samples explain."""
+    """Return cells whose reach probability differs by more than both samples explain."""
     old, new = (r.band(*REACH[:2]).ravel() for r in both)
     before, after = (r.band(REACH.stem, "standard_error").ravel() for r in both)
     variances = (
@@ -336,7 +336,7 @@ def _object_rows(
     cells: IntArray,
     owner: IntArray,
 ) -> Iterator[ChangeRow]:
-    """What comes to each object; 0 where no block arrives.
+    """Yield the loads on each object; 0 where no block arrives.
 
     Energy and height are those of all blocks that reach it, where both results have them, else, as
     all others, the largest values over its cells.
@@ -369,7 +369,7 @@ def _object_rows(
 
 
 def _differences(before: Mapping[str, Any], after: Mapping[str, Any]) -> Iterator[SettingChange]:
-    """In what two manifests differ: version, seed, settings, contents of the inputs, libraries."""
+    """Yield how two manifests differ: version, seed, settings, input contents, libraries."""
     old, new = _facts(before), _facts(after)
     for kind in old:
         for name in sorted({*old[kind], *new[kind]}):
@@ -385,7 +385,7 @@ def _differences(before: Mapping[str, Any], after: Mapping[str, Any]) -> Iterato
 
 
 def _facts(manifest: Mapping[str, Any]) -> dict[str, dict[str, Any]]:
-    """What is compared, by kind and name; of inputs the path by the digest."""
+    """Return the compared facts by kind and name; of inputs the path by the digest."""
     inputs: dict[str, dict[str, str]] = {}
     for entry in manifest["inputs"]:
         # The settings of a configuration are compared one by one.
@@ -393,7 +393,7 @@ def _facts(manifest: Mapping[str, Any]) -> dict[str, dict[str, Any]]:
             # By the kind of file: there may be many tiles.
             name = f"{entry['role']}: {PurePath(entry['path']).suffix}"
             inputs.setdefault(name, {})[entry["sha256"]] = entry["path"]
-    # What a zoning found stands among its settings.
+    # Results of a zoning stand among its settings.
     settings = {k: v for k, v in manifest["settings"].items() if k != "zoning"}
     return {
         "program": {"sassgis": manifest["sassgis"]},
@@ -406,7 +406,7 @@ def _facts(manifest: Mapping[str, Any]) -> dict[str, dict[str, Any]]:
 
 
 def _flat(value: object, name: str = "") -> Iterator[tuple[str, object]]:
-    """Settings by dotted name; items of a list by their own name, if they have one."""
+    """Yield settings by dotted name; items of a list by their name, if they have one."""
     if isinstance(value, Mapping):
         for key, entry in value.items():
             yield from _flat(entry, f"{name}.{key}" if name else str(key))
@@ -418,7 +418,10 @@ def _flat(value: object, name: str = "") -> Iterator[tuple[str, object]]:
 
 
 def _same_file(one: object, two: object) -> bool:
-    """Whether two settings name files of the same name: their contents are compared as inputs."""
+    """Return whether two settings name files of the same name.
+
+    Their contents are compared as inputs.
+    """
     if not isinstance(one, str) or not isinstance(two, str):
         return False
     paths = PurePath(one), PurePath(two)

@@ -25,7 +25,7 @@ _APART = 0.01
 
 @dataclass(frozen=True, slots=True)
 class StoredResult:
-    """What a folder holds."""
+    """Contents of a result folder."""
 
     folder: Path
     manifest: Mapping[str, Any]
@@ -42,7 +42,7 @@ class StoredResult:
     zones: Coverage | None = None
     # Codes of the levels, from low to high, as the tables have them.
     level_codes: tuple[str, ...] = ()
-    # Exposed objects, with their names and kinds alone.
+    # Exposed objects, with their only names and kinds.
     objects: PlacedObjects = field(default_factory=lambda: PlacedObjects((), ()))
     # ``deaths_per_year`` and ``loss_per_year`` of each object, roads as a whole.
     risk: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
@@ -71,13 +71,13 @@ class StoredResult:
         return str(project.get("name") or self.folder.name)
 
     def band(self, stem: str, name: str) -> FloatArray:
-        """Values of a band of a map; NaN where there is nothing."""
+        """Return values of a band of a map; NaN where there is nothing."""
         bands = self.maps[stem].bands
         return np.asarray(next(b for b in bands if b.name == name).values, np.float64)
 
 
 def on_common_cells(one: StoredResult, other: StoredResult) -> tuple[StoredResult, StoredResult]:
-    """Two results on the cells that both have.
+    """Return two results on the cells that both have.
 
     Raises
     ------
@@ -107,7 +107,7 @@ def on_common_cells(one: StoredResult, other: StoredResult) -> tuple[StoredResul
 
 
 def objects_within(placed: PlacedObjects, grid: Grid) -> PlacedObjects:
-    """The objects that lie on a grid with all their stretches."""
+    """Return the objects that lie on a grid with all their stretches."""
     west, south, east, north = grid.bounds
     bounds = shapely.bounds(np.array(placed.geometries, dtype=object)).reshape(-1, 4)
     out = (bounds < (west, south, west, south)) | (bounds > (east, north, east, north))
@@ -133,7 +133,7 @@ def _place(grid: Grid) -> str:
 
 
 def _cut(result: StoredResult, rows: slice, cols: slice) -> StoredResult:
-    """A part of the maps and zones; stops and control lines stay whole."""
+    """Return a part of the maps and zones; stops and control lines stay whole."""
     grid = result.grid
     if (rows.stop - rows.start, cols.stop - cols.start) == grid.shape:
         return result

@@ -1,7 +1,7 @@
-"""What if the values were others: the same blocks once more, for each of a list of variants.
+"""Variants of values: the same blocks once more, for each of a list of variants.
 
 A variant has other values of the ground classes, or another seed; all release the same blocks with
-the same random draws. What they found makes one table of answers, and maps. A sensitivity tries
+the same random draws. Their results make one table of answers, and maps. A sensitivity tries
 each range of values alone, at its low and its high end, and points that fill all ranges at once; a
 spread draws classes as they lie between sites, and a band is the middle 80 % of the draws.
 """
@@ -42,7 +42,7 @@ ENERGY_RATIO = "energy (95 %) on the map, over the base"
 _FARTHER = ("eta_max", "restitution", "restitution_speed_mps")
 #: Limits of a band.
 LOW, HIGH = 0.1, 0.9
-#: A class that is known of fewer sites is told weakly: a spread between two has one degree of
+#: A class that is known of fewer sites is known weakly: a spread between two has one degree of
 #: freedom.
 _ENOUGH_SITES = 3
 #: With fewer draws the limits of a band are hardly inside of the smallest and the largest.
@@ -64,7 +64,7 @@ class Variant(NamedTuple):
 
 
 def ends_of(ranges: Sequence[ParameterRange]) -> list[Variant]:
-    """Low and high end of each range in turn, all other values as they are."""
+    """Return low and high end of each range in turn, all other values as they are."""
     return [
         Variant(f"{r.label} {end}", {(r.class_name, r.parameter): value})
         for r in ranges
@@ -73,7 +73,7 @@ def ends_of(ranges: Sequence[ParameterRange]) -> list[Variant]:
 
 
 def filling(ranges: Sequence[ParameterRange], samples: int, seed: int) -> list[Variant]:
-    """Points that fill all ranges at once (Latin hypercube)."""
+    """Return points that fill all ranges at once (Latin hypercube)."""
     points = qmc.LatinHypercube(len(ranges), rng=np.random.default_rng(seed)).random(samples)
     return [
         Variant(
@@ -88,7 +88,7 @@ def filling(ranges: Sequence[ParameterRange], samples: int, seed: int) -> list[V
 
 
 def farthest(ranges: Sequence[ParameterRange]) -> Variant:
-    """Every range at the end at which blocks should go farther."""
+    """Return every range at the end at which blocks should go farther."""
     values = {
         (r.class_name, r.parameter): r.high if r.parameter in _FARTHER else r.low
         for r in ranges
@@ -98,10 +98,10 @@ def farthest(ranges: Sequence[ParameterRange]) -> Variant:
 
 
 def draw_of(ranges: Sequence[ParameterRange], seed: int, number: int) -> Variant:
-    """A draw of classes: normal about their values with the spread between sites.
+    """Return a draw of classes: normal about their values with the spread between sites.
 
     Values without meaning (LIMITS) are not drawn: the distribution is truncated there. Draw
-    ``number`` is a function of the seed and the names alone, whatever else is drawn.
+    ``number`` is a function of only the seed and the names, whatever else is drawn.
     """
     values = {}
     for r in ranges:
@@ -125,7 +125,7 @@ def draw_of(ranges: Sequence[ParameterRange], seed: int, number: int) -> Variant
 
 @dataclass(frozen=True, slots=True)
 class VariantFinding(RunOutcome):
-    """What one simulation found: what its blocks did, and what it says of levels and places."""
+    """Result of one simulation: its blocks, and its levels and places."""
 
     reach: IntArray  # shape (n_cells,); blocks that reach each of ``cells``
     # Shape (n_places,); cells with a hazard level, ascending, and their level; none without onset
@@ -144,14 +144,14 @@ class VariantFinding(RunOutcome):
     object_energy_kj: FloatArray
 
     def arrays(self) -> dict[str, NDArray[Any]]:
-        """By their names, to be saved."""
+        """Return the arrays by their names, to be saved."""
         return {f.name: getattr(self, f.name) for f in fields(self)}
 
 
 def finding_of(
     run: MapRun, progress: Progress, rules: Rules | None, exposed: ObjectCells | None = None
 ) -> VariantFinding:
-    """What a simulation says, with levels if there are rules.
+    """Return the finding of a simulation, with levels if there are rules.
 
     ``exposed`` are cells of objects in place of those of the run, at which blocks are counted.
     """
@@ -198,7 +198,7 @@ def finding_of(
 
 
 class Names(NamedTuple):
-    """What the numbers of findings belong to: levels, stations and barriers, exposed objects."""
+    """Names to the numbers of findings: levels, stations and barriers, exposed objects."""
 
     levels: tuple[str, ...]
     lines: tuple[str, ...]
@@ -207,7 +207,7 @@ class Names(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class Answers:
-    """What simulations say, the base first: a row for each, a column for each measure."""
+    """Answers of simulations, the base first: a row for each, a column for each measure."""
 
     variants: tuple[Variant, ...]
     units: Mapping[str, str]  # of each measure, by its name
@@ -233,7 +233,7 @@ def answers(
 def _measures(
     base: VariantFinding, own: VariantFinding, names: Names, cell_m2: float
 ) -> dict[str, tuple[str, float]]:
-    """Unit and value of each measure."""
+    """Return the unit and value of each measure."""
     middle, far, farther = own.runout_m(0.5, 0.9, 0.95)
     out = {
         MEDIAN: ("m", middle),
@@ -261,7 +261,7 @@ def _measures(
 
 @dataclass(frozen=True, slots=True)
 class RangeEffect:
-    """What the range of one parameter does to one measure."""
+    """Effect of the range of one parameter on one measure."""
 
     range: ParameterRange
     measure: str
@@ -289,7 +289,7 @@ class RangeEffect:
 
 
 def parts_of_design(rows: Any, n_ranges: int) -> tuple[Any, Any, Any, Any]:
-    """Base, another seed, ends of the ranges and filling of a sensitivity, from its rows.
+    """Return base, another seed, ends of the ranges and filling of a sensitivity, from its rows.
 
     They are in this order, the farthest third.
     """
@@ -298,7 +298,7 @@ def parts_of_design(rows: Any, n_ranges: int) -> tuple[Any, Any, Any, Any]:
 
 
 def effects(ranges: Sequence[ParameterRange], table: Answers) -> list[RangeEffect]:
-    """What each range does to each measure, from the answers of a sensitivity."""
+    """Compute the effect of each range on each measure from the answers of a sensitivity."""
     base, chance, ends, filled = parts_of_design(table.values, len(ranges))
     *_, points = parts_of_design(table.variants, len(ranges))
     out = []
@@ -313,7 +313,7 @@ def effects(ranges: Sequence[ParameterRange], table: Answers) -> list[RangeEffec
 
 
 def _rank_correlation(x: FloatArray, y: FloatArray) -> float:
-    """Spearman's; NaN for few points or where one of the two does not change."""
+    """Compute Spearman's correlation; NaN for few points or where one of the two is constant."""
     known = np.isfinite(y)
     if known.sum() < 3 or np.ptp(x[known]) == 0.0 or np.ptp(y[known]) == 0.0:
         return float("nan")
@@ -333,7 +333,7 @@ class SpreadBand:
 
 
 def spread_bands(table: Answers) -> tuple[SpreadBand, ...]:
-    """Bands of all measures over the draws; an energy where no block arrives is 0."""
+    """Return bands of all measures over the draws; an energy where no block arrives is 0."""
     bands = []
     for (measure, unit), column in zip(table.units.items(), table.values.T, strict=True):
         base, *drawn = np.nan_to_num(column) if unit == "kJ" else column
@@ -354,7 +354,7 @@ def _on_cells(
     kind: type = float,
     empty: float = 0,
 ) -> NDArray[Any]:
-    """What findings have ``of`` cells, shape (n_findings, n_cells); ``empty`` where nothing."""
+    """Return the values of findings in cells, shape (n_findings, n_cells); ``empty`` where none."""
     rows: list[NDArray[Any]] = []
     for finding in findings:
         places, values = of(finding)
@@ -384,7 +384,7 @@ class CellMaps(NamedTuple):
 
 
 def sensitivity_maps(findings: Sequence[VariantFinding], n_ranges: int) -> CellMaps:
-    """Maps of what the simulations of a sensitivity say together.
+    """Return maps of what the simulations of a sensitivity say together.
 
     Shares are those of the sample that fills all ranges; the lowest and the highest level are those
     over sample and ends. ``strongest`` is the position of the range whose ends change the energy
@@ -420,7 +420,10 @@ def sensitivity_maps(findings: Sequence[VariantFinding], n_ranges: int) -> CellM
 
 
 def _energy_ratios(change: FloatArray) -> FloatArray:
-    """Quantiles of 10, 50 and 90 %; NaN where too few blocks reach the cell in half of the rows."""
+    """Return quantiles of 10, 50 and 90 %.
+
+    They are NaN where too few blocks reach the cell in half of the rows.
+    """
     out = np.full((3, change.shape[1]), np.nan)
     enough = np.isfinite(change).sum(axis=0) >= 0.5 * len(change)
     if len(change):
@@ -442,7 +445,7 @@ Draws = Callable[[], Iterable[VariantFinding]]
 
 
 def spread_maps(base: VariantFinding, draws: Draws, at_once: int = _AT_ONCE) -> CellMaps:
-    """Level of the base, and limits of the bands cell by cell, a part of the cells at a time.
+    """Map the base's level, and limits of the bands by cell, a part of the cells at a time.
 
     A level is no number between two: its limits are those of the draws next to the quantile, to the
     outer side.
@@ -470,7 +473,7 @@ def spread_maps(base: VariantFinding, draws: Draws, at_once: int = _AT_ONCE) -> 
 
 
 def _parts(cells: IntArray, size: int) -> Iterator[IntArray]:
-    """The cells in parts of a size; one part at least."""
+    """Return the cells in parts of a size; one part at least."""
     limits = [*range(0, max(cells.size, 1), size), cells.size]
     return (cells[first:last] for first, last in pairwise(limits))
 
@@ -490,7 +493,7 @@ class LevelAreas:
 
 
 def level_areas(maps: CellMaps, cell_m2: float) -> LevelAreas:
-    """Areas by what may become of the level."""
+    """Return areas by the possible changes of the level."""
     level, low, high = (maps.bands["ground_level"][name] for name in ("base", "low", "high"))
     zoned, higher = level > 0, high > level
     which = (zoned, zoned & higher, low < level, ~zoned & higher)
@@ -508,7 +511,7 @@ class GroundSpread:
     areas: LevelAreas | None  # None without hazard levels
 
     def band(self, measure: str) -> SpreadBand:
-        """The band of a measure by its name."""
+        """Return the band of a measure by its name."""
         return next(b for b in self.bands if b.measure == measure)
 
     @property

@@ -18,12 +18,12 @@ _STEPS_PER_CELL = 2.0**28
 
 @kernel
 def exact(shift: float) -> float:
-    """A shift of position, in cells, that adds to positions without rounding."""
+    """Return a shift of position, in cells, that adds to positions without rounding."""
     return float(np.floor(shift * _STEPS_PER_CELL + 0.5) / _STEPS_PER_CELL)
 
 
 def exact_positions(positions: FloatArray) -> FloatArray:
-    """Positions in cells that lie a whole number of the shortest shifts from the corner."""
+    """Return positions in cells that lie a whole number of the shortest shifts from the corner."""
     whole = np.floor(positions)
     # What exact does, for all at once.
     return whole + np.floor((positions - whole) * _STEPS_PER_CELL + 0.5) / _STEPS_PER_CELL
@@ -31,7 +31,7 @@ def exact_positions(positions: FloatArray) -> FloatArray:
 
 @kernel
 def next_line(position: float, target: float) -> float:
-    """First whole number strictly ahead of ``position`` towards ``target``."""
+    """Return the first whole number strictly ahead of ``position`` towards ``target``."""
     if target > position:
         return float(np.floor(position)) + 1.0
     return float(np.ceil(position)) - 1.0
@@ -39,7 +39,7 @@ def next_line(position: float, target: float) -> float:
 
 @kernel
 def cell_index(u: float, v: float, n_rows: int, n_cols: int) -> int:
-    """Flat index of the cell at (u, v); -1 outside."""
+    """Return flat index of the cell at (u, v); -1 outside."""
     if u >= 0.0 and v >= 0.0 and u < n_cols and v < n_rows:
         return int(v) * n_cols + int(u)
     return -1
@@ -58,7 +58,7 @@ def _known(heights: FloatArray, row: int, col: int) -> bool:
 
 @lean
 def height_at(heights: FloatArray, u: float, v: float, row: int, col: int) -> float:
-    """Height at (u, v), bilinear between the centres of the four cells around.
+    """Return the height at (u, v), bilinear between the centres of the four cells around.
 
     The point belongs to cell (row, col) or to its border. A missing neighbour is replaced by the
     height that continues the slope across the cell, so that planes stay planes up to the edge.
@@ -83,7 +83,7 @@ def height_at(heights: FloatArray, u: float, v: float, row: int, col: int) -> fl
 
 @lean
 def _height_at_edge(heights: FloatArray, u: float, v: float, row: int, col: int) -> float:
-    """As height_at, where a neighbour may be missing."""
+    """Compute height_at where a neighbour may be missing."""
     if not _known(heights, row, col):
         return np.nan
     own = heights[row, col]

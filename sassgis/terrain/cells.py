@@ -18,7 +18,7 @@ Scalar = TypeVar("Scalar", bound=np.generic)
 def cell_stretches(
     grid: Grid, traces: TraceSet
 ) -> tuple[IntArray, FloatArray, IntArray, FloatArray]:
-    """Grid cells that each fall line passes, in order, with exact border chainages.
+    """Return grid cells that each fall line passes, in order, with exact border chainages.
 
     The borders are computed, not sampled: each segment is walked from grid line to grid line
     (J. Amanatides and A. Woo, 1987, A fast voxel traversal algorithm for ray tracing,
@@ -41,7 +41,7 @@ def cell_stretches(
 
 @kernel
 def grown(values: NDArray[Scalar], size: int) -> NDArray[Scalar]:
-    """A copy with room for at least ``size`` rows, doubling."""
+    """Return a copy with room for at least ``size`` rows, doubling."""
     bigger = np.empty((max(size, 2 * values.shape[0]), *values.shape[1:]), values.dtype)
     # One by one: numba takes a second to compile the message of a slice of another shape.
     for i in range(values.size):
@@ -51,7 +51,10 @@ def grown(values: NDArray[Scalar], size: int) -> NDArray[Scalar]:
 
 @lean
 def next_share(start: float, target: float, line: float) -> float:
-    """Share of the distance from start to target at which ``line`` is met; 2 if it is not."""
+    """Return the share of the distance from start to target at which ``line`` is met.
+
+    It is 2 if the line is not met.
+    """
     if target > start:
         return (line - start) / (target - start) if line <= target else 2.0
     if target < start:
@@ -63,7 +66,7 @@ def next_share(start: float, target: float, line: float) -> float:
 def next_crossing(
     u0: float, u1: float, line_u: float, v0: float, v1: float, line_v: float
 ) -> tuple[float, float, float]:
-    """Share of a segment at which it next meets a line, 1 at its end, and the lines after that."""
+    """Find the share of a segment at which it next meets a line (1: its end), and later lines."""
     t_u, t_v = next_share(u0, u1, line_u), next_share(v0, v1, line_v)
     t_next = min(1.0, t_u, t_v)
     if t_u <= t_next:
@@ -82,7 +85,7 @@ def _set_border(borders: FloatArray, i: int, s: float, u: float, v: float) -> No
 
 @lean
 def most_steps(u: FloatArray, v: FloatArray, per_cell: float) -> int:
-    """Most steps of a walk along a line from grid line to grid line, so many of them per cell.
+    """Count the most steps of a walk from grid line to grid line, so many of them per cell.
 
     ``u`` and ``v`` are its points (cells).
     """

@@ -1,4 +1,4 @@
-"""What is wrong with the heights of a terrain model: terraces, spikes, pits, holes.
+"""Defects in the heights of a terrain model: terraces, spikes, pits, holes.
 
 Everything here works on plain arrays: row 0 in the north, NaN where nothing is known.
 """
@@ -29,7 +29,7 @@ _AXES = ((0, 1), (1, 0), (1, 1), (1, -1))
 
 
 def height_step(values: FloatArray) -> float:
-    """The step (m) of which all heights are multiples; 0 if there is none."""
+    """Return the step (m) of which all heights are multiples; 0 if there is none."""
     known = values[np.isfinite(values)]
     # Heights in single precision are off by this much.
     tolerance = 2.0 * float(np.spacing(np.float32(np.abs(known).max(initial=0.0))))
@@ -42,7 +42,7 @@ def height_step(values: FloatArray) -> float:
 
 
 def contour_interval(values: FloatArray) -> tuple[float, float]:
-    """The interval of contour lines that shows in the heights, and how clearly.
+    """Return the interval of contour lines that shows in the heights, and how clearly.
 
     Where terrain was interpolated from contour lines, or smoothed after its heights had been
     rounded, heights crowd near the multiples of the interval.
@@ -72,7 +72,7 @@ def contour_interval(values: FloatArray) -> tuple[float, float]:
 
 
 def equal_neighbours(values: FloatArray, dx_m: float, dy_m: float) -> float:
-    """Share of neighbours of equal height, across ground that rises from one to the other.
+    """Return share of neighbours of equal height, across ground that rises from one to the other.
 
     Cells that were repeated to make smaller ones, and terraces, show here.
     """
@@ -90,7 +90,7 @@ def equal_neighbours(values: FloatArray, dx_m: float, dy_m: float) -> float:
 
 
 def bumps_m(values: FloatArray) -> FloatArray:
-    """How far each cell stands above all four lines through opposite neighbours (m).
+    """Measure how far each cell stands above all four lines through opposite neighbours (m).
 
     Positive for spikes, negative for single pits, and 0 for all others: where a neighbour is
     missing, on planes, ridges and steps, and where the neighbours are as uneven themselves (a bump
@@ -123,7 +123,7 @@ def bumps_m(values: FloatArray) -> FloatArray:
 
 
 def inner_holes(values: FloatArray) -> BoolArray:
-    """Nodata that is surrounded by known cells, and so no part of the outside."""
+    """Return nodata that is surrounded by known cells, and so no part of the outside."""
     labels, _ = ndimage.label(~np.isfinite(values))
     rim = np.concatenate([labels[0], labels[-1], labels[:, 0], labels[:, -1]])
     outside: BoolArray = np.isin(labels, np.unique(rim))
@@ -132,7 +132,7 @@ def inner_holes(values: FloatArray) -> BoolArray:
 
 
 def depression_depth(values: FloatArray) -> FloatArray:
-    """Depth of each cell under the level at which its depression would overflow (m).
+    """Return the depth of each cell under the level at which its depression would overflow (m).
 
     Depressions are filled from the rim of the terrain inwards by priority flood (Barnes, Lehman
     and Mulla, 2014, Computers & Geosciences 62, 117-127; not checked against the source). Nodata

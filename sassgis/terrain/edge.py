@@ -36,7 +36,7 @@ class BeyondEdge:
 
 
 def edge_cells(known: BoolArray) -> BoolArray:
-    """Cells with a height beside one without, or at the border of the grid."""
+    """Return cells with a height next to one without, or at the border of the grid."""
     beside = np.pad(known, 1)
     inside = beside[:-2, 1:-1] & beside[2:, 1:-1] & beside[1:-1, :-2] & beside[1:-1, 2:]
     out: BoolArray = known & ~inside
@@ -44,7 +44,7 @@ def edge_cells(known: BoolArray) -> BoolArray:
 
 
 def edge_sides(grid: Grid) -> tuple[IntArray, NDArray[np.object_]]:
-    """Sides of cells with a height that border on one without, or on the border of the grid.
+    """Return sides of cells with a height that border on one without, or on the border of the grid.
 
     Returns
     -------
@@ -73,7 +73,7 @@ def edge_sides(grid: Grid) -> tuple[IntArray, NDArray[np.object_]]:
 def beyond_edge(
     grid: Grid, x: FloatArray, y: FloatArray, angle_deg: float = ANGLE_DEG
 ) -> list[BeyondEdge]:
-    """Where energy lines from some starts leave the terrain model, the farthest of each side.
+    """Find where energy lines from some starts leave the terrain, the farthest of each side.
 
     A line sinks at an angle from the ground at its start (Heim 1932: Fahrböschung) and ends where
     the terrain rises above it. A part of the starts and of the edge is looked at, evenly chosen,
@@ -112,7 +112,7 @@ def beyond_edge(
 
 
 def _chosen(grid: Grid, x: FloatArray, y: FloatArray) -> IntArray:
-    """Some of the starts with a height, by their number: evenly, and the highest."""
+    """Choose some of the starts with a height, by their number: evenly, and the highest."""
     z = grid.value_at(x, y)
     known = np.flatnonzero(np.isfinite(z))
     half = _STARTS // 2
@@ -123,7 +123,7 @@ def _chosen(grid: Grid, x: FloatArray, y: FloatArray) -> IntArray:
 
 
 def _is_free(grid: Grid, start: FloatArray, end: FloatArray, top: float, slope: float) -> bool:
-    """Whether the terrain stays below a line that sinks from a height at the start."""
+    """Return whether the terrain stays below a line that sinks from a height at the start."""
     far = float(np.hypot(*(end - start)))
     n = min(max(math.ceil(far / grid.cell_size), 2), _SAMPLES)
     share = np.linspace(0.0, 1.0, n)[1:-1]
@@ -134,6 +134,6 @@ def _is_free(grid: Grid, start: FloatArray, end: FloatArray, top: float, slope: 
 
 
 def _side(row: int, col: int, shape: tuple[int, int]) -> str:
-    """On which side of the grid a cell of the edge lies."""
+    """Return the side of the grid on which a cell of the edge lies."""
     sides = {"north": row, "west": col, "south": shape[0] - 1 - row, "east": shape[1] - 1 - col}
     return next((name for name, gap in sides.items() if gap == 0), "inner")

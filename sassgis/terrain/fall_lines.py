@@ -72,7 +72,7 @@ _LEVEL = 1e-10
 
 
 def fall_line_surface(grid: Grid, settings: TerrainSettings) -> Surface:
-    """The smoothed and interpolated terrain on which fall lines are traced.
+    """Return the smoothed and interpolated terrain on which fall lines are traced.
 
     Raises
     ------
@@ -87,7 +87,7 @@ def trace(
 ) -> TraceSet:
     """Trace the fall lines of release points.
 
-    Each line depends on its own release point alone, so that tracing the points in chunks, in any
+    Each line depends on only its release point, so that tracing the points in chunks, in any
     order or in threads, gives the same lines to the last bit.
 
     A line ends, and says so by its LineEnd, where
@@ -154,7 +154,7 @@ def _trace_all(
     free: float,
     max_length: float,
 ) -> tuple[IntArray, FloatArray, NDArray[np.uint8]]:
-    """Lines of all release points; lengths in cells, slopes in metres per cell."""
+    """Return lines of all release points; lengths in cells, slopes in metres per cell."""
     n = u.size
     offset = np.zeros(n + 1, np.int64)
     end = np.zeros(n, np.uint8)
@@ -190,7 +190,10 @@ def _trace_line(
     max_length: float,
     line: FloatArray,
 ) -> tuple[FloatArray, int, int]:
-    """One line into the buffer ``line`` of rows (u, v, s): the buffer, its fill and the LineEnd."""
+    """Trace one line into the buffer ``line`` of rows (u, v, s).
+
+    Returns the buffer, its fill and the LineEnd.
+    """
     line[0, 0], line[0, 1], line[0, 2] = u, v, 0.0
     size = 1
     reason = standing(valid, u, v)
@@ -284,7 +287,7 @@ def _trace_line(
 
 @lean
 def _coasting_step(limit: float, rate: float, turn: float, bend: float) -> float:
-    """Length of a step away from the descent (cells), so that the heading turns little in it."""
+    """Return the length of a step off the descent (cells) in which the heading turns little."""
     step = min(limit, 0.25, _TURN_PER_STEP / (rate * turn + 1e-300))
     step = min(step, _RATE_PER_STEP / (np.sqrt(rate * min(bend, 1e12)) + 1e-300))
     return float(max(step, _SHORTEST_STEP))
@@ -292,13 +295,16 @@ def _coasting_step(limit: float, rate: float, turn: float, bend: float) -> float
 
 @lean
 def _length(a: float, b: float) -> float:
-    """Length of a vector; several times faster than hypot, as it has no guard against overflow."""
+    """Return the length of a vector.
+
+    It is several times faster than hypot, as it has no guard against overflow.
+    """
     return float(np.sqrt(a * a + b * b))
 
 
 @lean
 def _downhill(gu: float, gv: float) -> tuple[float, float]:
-    """Unit vector of steepest descent; (0, 0) on level ground."""
+    """Return unit vector of steepest descent; (0, 0) on level ground."""
     size = _length(gu, gv)
     if size <= _LEVEL:
         return 0.0, 0.0
@@ -307,7 +313,7 @@ def _downhill(gu: float, gv: float) -> tuple[float, float]:
 
 @lean
 def _along(gu: float, gv: float, hu: float, hv: float) -> float:
-    """Cosine of the angle between descent and heading; -1 on level ground."""
+    """Return the cosine of the angle between descent and heading; -1 on level ground."""
     au, av = _downhill(gu, gv)
     if au == 0.0 and av == 0.0:
         return -1.0
@@ -316,7 +322,7 @@ def _along(gu: float, gv: float, hu: float, hv: float) -> float:
 
 @lean
 def _angle(gu: float, gv: float, hu: float, hv: float) -> float:
-    """Angle from the heading to the descent (rad); 0 on level ground."""
+    """Return the angle from the heading to the descent (rad); 0 on level ground."""
     au, av = _downhill(gu, gv)
     if au == 0.0 and av == 0.0:
         return 0.0
@@ -325,7 +331,7 @@ def _angle(gu: float, gv: float, hu: float, hv: float) -> float:
 
 @lean
 def _bend(gu: float, gv: float, huu: float, huv: float, hvv: float, slope: float) -> float:
-    """Change of the direction of descent per cell, along plus across (rad per cell)."""
+    """Return the change of the direction of descent per cell, along plus across (rad per cell)."""
     if slope <= _LEVEL:
         return 1e12
     tu, tv = gu / slope, gv / slope
@@ -338,7 +344,7 @@ def _bend(gu: float, gv: float, huu: float, huv: float, hvv: float, slope: float
 def _turn_rate(
     gu: float, gv: float, hu: float, hv: float, slope: float, flat: float, turning: float
 ) -> float:
-    """Rate at which a coasting heading turns towards the descent (per cell)."""
+    """Return the rate at which a coasting heading turns towards the descent (per cell)."""
     cosine = min(1.0, max(0.0, _along(gu, gv, hu, hv) / _ALIGNED))
     agreement = cosine * cosine * (3.0 - 2.0 * cosine)
     steepness = slope / flat if flat > 0.0 else 1.0
@@ -357,7 +363,7 @@ def _descend(
     step: float,
     flat: float,
 ) -> tuple[float, float, bool]:
-    """Mean direction of a Runge-Kutta step of order 4 down the slope, and whether it holds.
+    """Return mean direction of a Runge-Kutta step of order 4 down the slope, and whether it holds.
 
     It does not hold if the step meets flat ground or a descent that turns away.
     """
@@ -389,7 +395,7 @@ def _coast(
     flat: float,
     turning: float,
 ) -> tuple[float, float, float, float]:
-    """Midpoint step with a heading that turns at its own rate: mean direction, new heading.
+    """Return midpoint step with a heading that turns at a rate: mean direction, new heading.
 
     The heading relaxes exponentially towards the descent, which is stable for any rate.
     """
@@ -407,7 +413,7 @@ def _coast(
 
 @lean
 def _turned(hu: float, hv: float, angle: float) -> tuple[float, float]:
-    """The unit vector turned by an angle, and made a unit vector again."""
+    """Return the unit vector turned by an angle, and made a unit vector again."""
     c, s = np.cos(angle), np.sin(angle)
     tu, tv = c * hu - s * hv, s * hu + c * hv
     size = _length(tu, tv)
@@ -416,7 +422,7 @@ def _turned(hu: float, hv: float, angle: float) -> tuple[float, float]:
 
 @lean
 def _way_open(valid: BoolArray, u0: float, v0: float, u1: float, v1: float) -> tuple[float, int]:
-    """Share of a step (shorter than a cell) that runs over valid cells, and what stops it."""
+    """Return the share of a step (below a cell) that runs over valid cells, and what stops it."""
     if int(np.floor(u0)) == int(np.floor(u1)) and int(np.floor(v0)) == int(np.floor(v1)):
         return 1.0, _VALID
     # A start on a border belongs to the cell east or south of it: going back, it leaves at once.
@@ -438,7 +444,7 @@ def _way_open(valid: BoolArray, u0: float, v0: float, u1: float, v1: float) -> t
 
 @lean
 def _closes(line: FloatArray, size: int) -> bool:
-    """Whether the last point lies near an earlier part of the line.
+    """Return whether the last point lies near an earlier part of the line.
 
     A point at distance d rules out all others within d less the limit along the line, so
     a line that leads away costs next to nothing.

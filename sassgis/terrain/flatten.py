@@ -34,10 +34,10 @@ def profiles(
     """Flatten fall lines into profiles of straight segments.
 
     Heights are those of the DEM as it is, bilinear between cell centres, sampled wherever the line
-    crosses a border or a middle line of a cell, and at its own points. The samples are then
+    crosses a border or a middle line of a cell, and at its points. The samples are then
     thinned (U. Ramer, 1972; D. H. Douglas and T. K. Peucker, 1973, with the vertical distance)
     so that no sample is farther from the segments than the tolerance. Where the ground class
-    changes, which is at borders of cells, a vertex is always kept. Each profile depends on its own
+    changes, which is at borders of cells, a vertex is always kept. Each profile depends only on its
     line alone; a line of a single point gives a single vertex and no stretch.
 
     Parameters
@@ -88,7 +88,7 @@ def profiles(
 def chainage_to_xy(
     traces: TraceSet, line: IntArray | int, s: FloatArray | float
 ) -> tuple[FloatArray, FloatArray]:
-    """Coordinates (m) of chainages (m) on their lines; NaN for one that is not on its line.
+    """Return coordinates (m) of chainages (m) on their lines; NaN for one that is not on its line.
 
     ``line`` and ``s`` are broadcast.
 
@@ -111,7 +111,7 @@ def chainage_to_xy(
 def xy_to_chainage(
     traces: TraceSet, line: IntArray | int, x: FloatArray | float, y: FloatArray | float
 ) -> tuple[FloatArray, FloatArray]:
-    """Chainage of the point of a line that is nearest to points of the map, and the distance (m).
+    """Return the chainage of a line's point nearest to points of the map, and the distance (m).
 
     ``line``, ``x`` and ``y`` are broadcast. If two points are equally near, the chainage is the
     smaller one. The distance is positive to the right of the line in its direction.
@@ -125,7 +125,7 @@ def xy_to_chainage(
 
 
 def crossings(traces: TraceSet, control_line_line: FloatArray) -> tuple[IntArray, FloatArray]:
-    """Where a polyline on the map is crossed by fall lines.
+    """Find where a polyline on the map is crossed by fall lines.
 
     Parameters
     ----------
@@ -305,7 +305,7 @@ def _sample(
 def _kept(
     s: FloatArray, z: FloatArray, fixed: NDArray[np.bool_], tolerance: float
 ) -> NDArray[np.bool_]:
-    """Samples to keep so that all others are within the tolerance of the segments."""
+    """Return samples to keep so that all others are within the tolerance of the segments."""
     keep = fixed.copy()
     begin = 0
     # Each split adds at most one waiting stretch.

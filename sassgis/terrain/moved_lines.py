@@ -26,14 +26,14 @@ class MovedLine:
     trace: FloatArray  # shape (n, 2); x and y of its vertices (m)
 
     def as_station(self, name: str) -> tuple[ControlLine, FloatArray]:
-        """A station there: it records blocks and stops none."""
+        """Return a station there: it records blocks and stops none."""
         return ControlLine(f"{name} {self.moved_m:+g} m", "station"), self.trace
 
 
 def moved_lines(
     grid: Grid, lines: Sequence[tuple[ControlLine, FloatArray]]
 ) -> tuple[MovedLine, ...]:
-    """Copies of each line by MOVES_M along the mean fall of the ground below it.
+    """Return copies of each line by MOVES_M along the mean fall of the ground below it.
 
     Those that leave the terrain are left out; none are made where the ground is level, or where
     there would be more than MOST_COPIES.
@@ -48,7 +48,7 @@ def moved_lines(
 
 
 def mean_height_m(grid: Grid, trace: FloatArray) -> float:
-    """Mean height of the ground below a line (m); NaN where it leaves the terrain."""
+    """Return the mean height of the ground below a line (m); NaN where it leaves the terrain."""
     return float(grid.value_at(*_points(grid, trace).T).mean())
 
 
@@ -67,7 +67,7 @@ def _copies(grid: Grid, number: int, trace: FloatArray) -> list[MovedLine]:
 
 
 def _points(grid: Grid, trace: FloatArray) -> FloatArray:
-    """Points on a line, a cell apart at most."""
+    """Return points on a line, a cell apart at most."""
     dense = shapely.segmentize(shapely.LineString(trace), grid.cell_size)
     points: FloatArray = shapely.get_coordinates(dense)
     return points

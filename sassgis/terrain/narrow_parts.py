@@ -19,7 +19,7 @@ from sassgis.grid import FloatArray, IntArray
 #: Half of the width (spacings) below which a part is narrow: a band of exactly one spacing is, as
 #: the lattice may lie on both of its borders.
 _HALF_WIDTH = 0.51
-#: Narrow parts start so far (spacings) beside the wide ones: rounding makes no slivers.
+#: Narrow parts start so far (spacings) next to the wide ones: rounding makes no slivers.
 _APART = 0.01
 #: Shortest narrow part (spacings): tips and steps of an outline are left to the lattice.
 _LENGTH = 2.0
@@ -28,7 +28,7 @@ _EDGE = 0.25
 
 
 def narrow_parts(polygon: shapely.Polygon, spacing_m: float) -> list[shapely.Polygon]:
-    """Parts of a polygon that are narrower than the spacing and longer than two spacings."""
+    """Return parts of a polygon that are narrower than the spacing and longer than two spacings."""
     half = _HALF_WIDTH * spacing_m
     wide = polygon.buffer(-half, join_style="mitre")
     wide = wide.buffer(half + _APART * spacing_m, join_style="mitre")
@@ -42,7 +42,7 @@ def narrow_parts(polygon: shapely.Polygon, spacing_m: float) -> list[shapely.Pol
 def points_along(
     polygon: shapely.Polygon, parts: Sequence[shapely.Polygon], count: int, spacing_m: float
 ) -> tuple[FloatArray, FloatArray]:
-    """So many points along the narrow parts of a polygon, each for an equal area of them.
+    """Place so many points along the narrow parts of a polygon, each for an equal area of them.
 
     Returns
     -------
@@ -50,7 +50,7 @@ def points_along(
         On the middle line (m).
     sides : float64, shape (count, 2, 2)
         As in ReleasePoints: about the area of a point, or the square of the lattice where that is
-        bent or in several pieces.
+        bent or in several parts.
     """
     walks = [_walk(part, _EDGE * spacing_m) for part in parts]
     area = np.cumsum(np.concatenate([own for own, _ in walks]))
@@ -80,12 +80,12 @@ def points_along(
 
 
 def square(side_m: float) -> FloatArray:
-    """Sides of a square, as in ReleasePoints, shape (2, 2)."""
+    """Return sides of a square, as in ReleasePoints, shape (2, 2)."""
     return np.array([[side_m, 0.0], [0.0, -side_m]])
 
 
 def _walk(part: shapely.Polygon, edge_m: float) -> tuple[FloatArray, FloatArray]:
-    """Triangles of a narrow part from one end to the other, branch by branch.
+    """Return triangles of a narrow part from one end to the other, branch by branch.
 
     Returns
     -------
@@ -112,7 +112,7 @@ def _walk(part: shapely.Polygon, edge_m: float) -> tuple[FloatArray, FloatArray]
 
 
 def _neighbours(corners: IntArray, n_vertices: int) -> csr_array:
-    """Which triangles share an edge; a row of three vertices each."""
+    """Find the triangles that share an edge; a row of three vertices each."""
     ends = np.sort(corners[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1)
     edge = ends[:, 0] * n_vertices + ends[:, 1]
     owner = np.repeat(np.arange(len(corners)), 3)

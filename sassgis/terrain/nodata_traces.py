@@ -1,6 +1,6 @@
 """Numbers for nodata that were taken for heights, also where resampling mixed them with heights.
 
-What is left of them are areas far below all that lies beside them, and rims of nodata that are
+What remains of them are areas far below all that lies next to them, and rims of nodata that are
 steeper than terrain. Neither is looked for by its value.
 """
 
@@ -19,7 +19,7 @@ from sassgis.grid import BoolArray, FloatArray, IntArray
 _WALL_M, _WALL_DEG = 25.0, 80.0
 #: Far below is this (m), or that slope if that is more, within so many cells.
 _FAR_M, _WITHIN = 150.0, 3
-#: Walls are looked for at this height and so many times it: interpolation overshoots beside a wall,
+#: Walls are looked for at this height and so many times it: interpolation overshoots near a wall,
 #: which makes lower ones.
 _HIGHER = (1.0, 2.0, 4.0, 8.0)
 #: Fewer cells amid walls are ledges, and part of them.
@@ -44,14 +44,14 @@ TRACES_ADVICE = (
 
 @dataclass(frozen=True, slots=True)
 class NodataTraces:
-    """Cells whose heights come from a number for nodata, alone or mixed with heights."""
+    """Cells whose heights come from a number for nodata, by itself or mixed with heights."""
 
     cells: BoolArray  # of the shape of the heights
-    below_m: float  # how far they lie below the ground beside them (medians); 0 of none
+    below_m: float  # how far they lie below the ground next to them (medians); 0 of none
 
     @property
     def words(self) -> str:
-        """What they are, in words."""
+        """Description of the traces in words."""
         side = "below" if self.below_m > 0.0 else "above"
         count, by = int(self.cells.sum()), abs(self.below_m)
         return f"{count} cells lie about {by:.0f} m {side} the ground beside them"
@@ -61,7 +61,7 @@ def nodata_traces(values: FloatArray, cell_m: float) -> NodataTraces:
     """Find what numbers for nodata have left in heights (m), which are NaN where nothing is known.
 
     Found are areas that walls part from all else and that lie far below what is behind the walls;
-    cells of walls far below all ground beside them, as of small holes and at the edge of the model;
+    cells of walls far below all nearby ground, as of small holes and at the edge of the model;
     and rims of nodata of which the most part is a wall, all up or all down.
     """
     slope = math.tan(math.radians(_WALL_DEG)) * cell_m
@@ -79,7 +79,7 @@ def nodata_traces(values: FloatArray, cell_m: float) -> NodataTraces:
 
 
 def _gap_m(values: FloatArray, false: BoolArray, walls: BoolArray) -> float:
-    """How far false cells lie below the calm ground behind the walls that they are or touch (m)."""
+    """Measure how far false cells lie below the calm ground behind their walls (m)."""
     clusters, _ = ndimage.label(walls, _AROUND)
     met = np.unique(clusters[ndimage.binary_dilation(false, _AROUND)])
     behind = ndimage.binary_dilation(np.isin(clusters, met[met > 0]), _AROUND)
@@ -91,7 +91,7 @@ def _gap_m(values: FloatArray, false: BoolArray, walls: BoolArray) -> float:
 
 
 def _parted(values: FloatArray, walls: BoolArray, far_m: float) -> BoolArray:
-    """Cells that walls part from all other ground, far below it."""
+    """Return cells that walls part from all other ground, far below it."""
     if not walls.any():
         return walls
     known = np.isfinite(values)
@@ -109,7 +109,7 @@ def _parted(values: FloatArray, walls: BoolArray, far_m: float) -> BoolArray:
 
 
 def _walls(values: FloatArray, wall_m: float) -> tuple[BoolArray, BoolArray]:
-    """Cells with a neighbour that is higher by a wall, and those with one that is lower."""
+    """Return cells with a neighbour that is higher by a wall, and those with one that is lower."""
     low, high = np.zeros(values.shape, np.bool_), np.zeros(values.shape, np.bool_)
     for axis in (0, 1):
         step = np.diff(np.moveaxis(values, axis, 0), axis=0)
@@ -124,9 +124,9 @@ def _walls(values: FloatArray, wall_m: float) -> tuple[BoolArray, BoolArray]:
 def _areas_below(
     values: FloatArray, calm: BoolArray, beside: IntArray, cluster: IntArray, far_m: float
 ) -> BoolArray:
-    """Areas of calm cells that are parted by walls from all else and lie far below it.
+    """Return areas of calm cells that are parted by walls from all else and lie far below it.
 
-    ``beside`` are the calm cells beside walls (flat indices), ``cluster`` the walls of each.
+    ``beside`` are the calm cells next to walls (flat indices), ``cluster`` the walls of each.
     """
     areas, n_areas = ndimage.label(calm)
     area = areas.ravel()[beside]
@@ -147,7 +147,7 @@ def _areas_below(
 
 
 def _relief(values: FloatArray, cells: IntArray, within: int) -> tuple[FloatArray, FloatArray]:
-    """How far the ground within some cells of others (flat indices) rises and falls (m)."""
+    """Measure how far the ground within some cells of others (flat indices) rises and falls (m)."""
     row, col = np.divmod(cells, values.shape[1])
     own = values.ravel()[cells]
     above, below = np.zeros(cells.size), np.zeros(cells.size)
@@ -162,7 +162,7 @@ def _relief(values: FloatArray, cells: IntArray, within: int) -> tuple[FloatArra
 
 
 def _rims(values: FloatArray, known: BoolArray, low: BoolArray, far_m: float) -> BoolArray:
-    """Cells of rims of nodata that lie ``low`` beside a wall, where most do, or many far below."""
+    """Find cells of nodata rims that lie ``low`` next to a wall if most do, or many far below."""
     holes, n_holes = ndimage.label(~known, _AROUND)
     rim = known & ndimage.binary_dilation(~known, _AROUND)
     cells = np.flatnonzero(rim & low)

@@ -17,7 +17,7 @@ from sassgis.terrain.surface import Surface
 
 @dataclass(frozen=True, slots=True)
 class Plan:
-    """What will be simulated, before anything is."""
+    """Plan of a simulation before anything is simulated."""
 
     points: ReleasePoints  # as placed in the release areas
     starts: ReleasePoints  # where their fall lines begin
@@ -28,7 +28,7 @@ class Plan:
     repetitions: tuple[int, ...] = ()
 
     def blocks_of_point(self, run: MapRun) -> IntArray:
-        """Blocks that are released at each point, shape (n,)."""
+        """Return blocks that are released at each point, shape (n,)."""
         rounds = [self.blocks_of_round(run, own) for own in run.rounds]
         if self.repetitions:
             once = self.blocks_of_round(run, Round())
@@ -37,7 +37,7 @@ class Plan:
         return blocks
 
     def blocks_of_round(self, run: MapRun, own: Round) -> IntArray:
-        """Blocks of a round at each point, shape (n,)."""
+        """Return blocks of a repetition at each point, shape (n,)."""
         repeated = np.zeros(len(self.points), np.int64)
         for area, scenarios in enumerate(self.scenarios):
             of = self.points.area == area
@@ -49,7 +49,7 @@ class Plan:
 
 
 def placed_points(run: MapRun) -> ReleasePoints:
-    """The release points of a run.
+    """Return the release points of a run.
 
     Raises
     ------

@@ -29,7 +29,7 @@ _SIMPLIFIED = 0.1
 class PreparedLines:
     """Lines on which blocks can be simulated."""
 
-    # Shape (n_traced,); which of the traced lines are long enough; all else refers to these alone.
+    # Shape (n_traced,); which of the traced lines are long enough; all else refers only to these.
     good: NDArray[np.bool_]
     lines: TraceSet
     flat: ProfileSet  # their profiles
@@ -46,7 +46,10 @@ class PreparedLines:
         return last
 
     def starts(self, moved_m: FloatArray) -> FloatArray:
-        """Chainages between which blocks start, shape (n, 2); ``moved_m`` as in Plan, by line."""
+        """Return chainages between which blocks start, shape (n, 2).
+
+        ``moved_m`` as in Plan, by line.
+        """
         return np.column_stack([np.zeros(len(self)), np.minimum(2.0 * moved_m, self.length_m)])
 
 
@@ -73,7 +76,7 @@ def prepare_lines(run: MapRun, traces: TraceSet) -> PreparedLines:
 def control_line_crossings(
     control_lines: Sequence[tuple[ControlLine, FloatArray]], traces: TraceSet
 ) -> ControlLineCrossings:
-    """Where lines cross stations and barriers, by rising chainage."""
+    """Find where lines cross stations and barriers, by rising chainage."""
     found = [crossings(traces, trace) for _, trace in control_lines]
     line = np.concatenate([np.empty(0, np.int64), *(f[0] for f in found)])
     chainage = np.concatenate([np.empty(0), *(f[1] for f in found)])
@@ -91,14 +94,14 @@ def control_line_crossings(
 def draw_keys(
     point_keys: NDArray[np.uint64], scenario: str, repetition: int | IntArray = 0
 ) -> NDArray[np.uint64]:
-    """Identity of release points for the random draws of a block scenario in some repetition."""
+    """Return release points' identities for the draws of a block scenario in a repetition."""
     out: NDArray[np.uint64] = rng.combined(rng.combined(point_keys, 0), rng.word_of(scenario))
     again = np.asarray(repetition)
     return out if not again.any() else np.where(again > 0, rng.combined(out, again), out)
 
 
 def drawn_lines(traces: TraceSet, grid: Grid, points: IntArray) -> FallLines:
-    """Lines of some release points (their numbers in the plan), thinned for drawing.
+    """Return lines of some release points (their numbers in the plan), thinned for drawing.
 
     They lie within a tenth of a cell of the traced ones.
     """

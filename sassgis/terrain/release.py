@@ -76,12 +76,12 @@ def release_points(
 
 
 def points_expected(geometry: BaseGeometry, spacing_m: float) -> float:
-    """About how many release points a geometry gets, before any is placed."""
+    """Estimate how many release points a geometry gets, before any is placed."""
     return sum(max(1.0, points_by_size(part, spacing_m)) for part in _simple_parts(geometry))
 
 
 def points_by_size(geometry: BaseGeometry, spacing_m: float) -> float:
-    """How many release points the size of a geometry asks for: area / spacing² and so on."""
+    """Count the release points by the size of a geometry: area / spacing² and so on."""
 
     def of(part: BaseGeometry) -> float:
         return part.area / spacing_m / spacing_m or part.length / spacing_m or 1.0
@@ -100,24 +100,24 @@ def _check_number(points: float) -> None:
 
 
 def take(points: ReleasePoints, which: IntArray | slice) -> ReleasePoints:
-    """The release points at some positions; area numbers and names stay as they are."""
+    """Return the release points at some positions; area numbers and names stay as they are."""
     names = ("x", "y", "area", "key", *(() if points.sides is None else ("sides",)))
     return replace(points, **{name: getattr(points, name)[which] for name in names})
 
 
 def point_keys(name: str, count: int) -> NDArray[np.uint64]:
-    """Identities of the first ``count`` points of an area.
+    """Return identities of the first ``count`` points of an area.
 
     The SHA-256 of the name starts a SplitMix64 sequence (G. L. Steele, D. Lea, C. H. Flood, 2014,
     Fast splittable pseudorandom number generators, OOPSLA '14), so key ``i`` depends on the name
-    and ``i`` alone.
+    and ``i`` only.
     """
     base = rng.word_of(f"release point\x00{name}")
     return rng.combined(np.full(count, base), np.arange(count))
 
 
 def points_in_polygon(polygon: shapely.Polygon, spacing_m: float) -> tuple[FloatArray, FloatArray]:
-    """Points that fill a polygon: on a lattice, and along the parts too narrow for it.
+    """Return points that fill a polygon: on a lattice, and along the parts too narrow for it.
 
     The lattice has coordinates that are whole multiples of the spacing; its points come first, from
     north to south and west to east. Parts narrower than the spacing have as many as their area /
@@ -154,7 +154,7 @@ def points_in_polygon(polygon: shapely.Polygon, spacing_m: float) -> tuple[Float
 
 
 def points_along_line(line: BaseGeometry, spacing_m: float) -> FloatArray:
-    """Points on a line, every ``spacing_m`` from its start, shape (n, 2)."""
+    """Return points on a line, every ``spacing_m`` from its start, shape (n, 2)."""
     # The small allowance keeps the end point of a line of, say, 30 m at a spacing of 0.3 m.
     count = int(np.floor(shapely.length(line) / spacing_m + 1e-9)) + 1
     along = np.minimum(np.arange(count) * spacing_m, shapely.length(line))
@@ -165,7 +165,7 @@ def points_along_line(line: BaseGeometry, spacing_m: float) -> FloatArray:
 def random_points_in_polygon(
     name: str, polygon: BaseGeometry, spacing_m: float, seed: int
 ) -> FloatArray:
-    """Uniform random points in a polygon, as many as area / spacing², one or more, shape (n, 2).
+    """Draw uniform points in a polygon, area / spacing² of them, one or more, shape (n, 2).
 
     Seed and name of the release area decide the draws.
 
@@ -200,7 +200,7 @@ def random_points_in_polygon(
 
 
 def _checked(name: str, geometry: BaseGeometry | None) -> BaseGeometry:
-    """The geometry without heights, or a clear error."""
+    """Return the geometry without heights, or a clear error."""
     field = f"release area {name!r}"
     if geometry is None or shapely.is_empty(geometry):
         raise InputError("the geometry is empty", field=field, expected="a polygon, line or point")
@@ -215,7 +215,7 @@ def _checked(name: str, geometry: BaseGeometry | None) -> BaseGeometry:
 def _points_of(
     name: str, geometry: BaseGeometry, release: ReleaseSettings, seed: int
 ) -> tuple[FloatArray, FloatArray]:
-    """All release points of one area and their sides, part by part."""
+    """Place all release points of one area and their sides, part by part."""
     spacing = release.spacing_m
     parts = _simple_parts(geometry)
     polygons = [part for part in parts if isinstance(part, shapely.Polygon)]
@@ -236,19 +236,22 @@ def _points_of(
 
 
 def _alone(places: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Points that represent no area."""
+    """Return points that represent no area."""
     return places, np.zeros((len(places), 2, 2))
 
 
 def _simple_parts(geometry: BaseGeometry) -> list[BaseGeometry]:
-    """Polygons, lines and points of a geometry, however nested."""
+    """Return polygons, lines and points of a geometry, however nested."""
     if hasattr(geometry, "geoms"):
         return [part for member in geometry.geoms for part in _simple_parts(member)]
     return [geometry]
 
 
 def meeting(shapes: Sequence[BaseGeometry | FloatArray], grid: Grid) -> tuple[int, ...]:
-    """Which of some shapes meet the rectangle of a grid; lines may be given as coordinates."""
+    """Find which of some shapes meet the rectangle of a grid.
+
+    Lines may be given as coordinates.
+    """
     box = shapely.box(*grid.bounds)
     return tuple(
         i
@@ -258,5 +261,5 @@ def meeting(shapes: Sequence[BaseGeometry | FloatArray], grid: Grid) -> tuple[in
 
 
 def wkb_hex(geometry: BaseGeometry) -> str:
-    """The geometry as text, the same on every machine."""
+    """Return the geometry as text, the same on every machine."""
     return str(shapely.to_wkb(geometry, hex=True, byte_order=1))

@@ -62,7 +62,7 @@ class SlopeUnit:
     share: float  # of the surface of the terrain
 
     def density(self, slope_deg: FloatArray) -> FloatArray:
-        """Share of the surface per degree."""
+        """Return the share of the surface per degree."""
         t = (slope_deg - self.mean_deg) / self.sd_deg
         dense: FloatArray = self.share / (self.sd_deg * np.sqrt(2.0 * np.pi)) * np.exp(-0.5 * t * t)
         return dense
@@ -82,7 +82,7 @@ class SlopeUnits:
 
 
 def slopes_deg(values: FloatArray, dx_m: float, dy_m: float) -> FloatArray:
-    """Slope of each cell (degrees) from central differences; NaN without known neighbours.
+    """Return slope of each cell (degrees) from central differences; NaN without known neighbours.
 
     Cells need not be square.
     """
@@ -93,7 +93,7 @@ def slopes_deg(values: FloatArray, dx_m: float, dy_m: float) -> FloatArray:
 
 
 def wall_share(slopes: FloatArray) -> float:
-    """Share of the cells that are steeper than WALL_DEG.
+    """Return the share of the cells that are steeper than WALL_DEG.
 
     More than WALL_SHARE is no terrain: heights or cells are in another unit. The limits are expert
     judgement of ours.
@@ -141,7 +141,7 @@ def slope_units(slopes: FloatArray) -> SlopeUnits:
 
 
 def _fewest_units(distribution: FloatArray, cells: int) -> tuple[list[SlopeUnit], float]:
-    """The units that are needed, from the flattest on, and the misfit."""
+    """Return the units that are needed, from the flattest on, and the misfit."""
     # Counts scatter by their root: the root of a share has the variance 1 / (4 n).
     good = max(_GOOD_FIT, 2.0 * _MIDDLES.size / (4.0 * cells))
     units, misfit = _fitted(distribution, tuple(UNITS))
@@ -156,7 +156,7 @@ def _fewest_units(distribution: FloatArray, cells: int) -> tuple[list[SlopeUnit]
 
 
 def _fitted(distribution: FloatArray, names: Sequence[str]) -> tuple[list[SlopeUnit], float]:
-    """The best fit with these units, and half the sum of squares of its residuals.
+    """Return the best fit with these units, and half the sum of squares of its residuals.
 
     That is the squared Hellinger distance.
     """
@@ -186,7 +186,7 @@ def _fitted(distribution: FloatArray, names: Sequence[str]) -> tuple[list[SlopeU
 
 
 def _shares(numbers: FloatArray) -> FloatArray:
-    """Share of each degree, of units given as mean, standard deviation and share in turn."""
+    """Return share of each degree, of units given as mean, standard deviation and share in turn."""
     mean, sd, share = numbers.reshape(-1, 3).T[:, :, None]
     below = special.ndtr((_EDGES - mean) / sd)
     total: FloatArray = (share * np.diff(below, axis=1)).sum(axis=0)
@@ -194,7 +194,7 @@ def _shares(numbers: FloatArray) -> FloatArray:
 
 
 def _prevails_from(own: list[SlopeUnit], others: list[SlopeUnit], top: float) -> float:
-    """Lowest slope from which, up to ``top``, one of ``own`` is denser than each of ``others``."""
+    """Find the lowest slope from which to ``top`` one of ``own`` is denser than all ``others``."""
     if not others:
         return 0.0
     angles = np.arange(0.0, 90.0, _STEP_DEG)
@@ -211,7 +211,9 @@ def cliff_patches(
     rock: BoolArray | None = None,
     rock_deg: float = 90.0,
 ) -> NDArray[np.int32]:
-    """Number of the patch of connected cells that are steep enough, from 1 by falling size; else 0.
+    """Return number of the patch of connected cells that are steep enough, from 1 by falling size.
+
+    It is 0 elsewhere.
 
     Cells count from ``threshold_deg`` on, those known to be ``rock`` from ``rock_deg`` on. Patches
     of less than ``least_cells`` are left out. Cells that touch at a corner only are in different

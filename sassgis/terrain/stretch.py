@@ -46,14 +46,14 @@ def moved_uphill(
 
 
 def usable(traces: TraceSet, least_m: float) -> NDArray[np.bool_]:
-    """Which lines are long enough to simulate blocks on, shape (n,)."""
+    """Find the lines that are long enough to simulate blocks on, shape (n,)."""
     last = traces.s[np.maximum(traces.offset[1:] - 1, 0)]
     counts = np.diff(traces.offset)
     return (counts >= 2) & (last >= least_m)
 
 
 def take_lines(traces: TraceSet, which: NDArray[np.bool_]) -> TraceSet:
-    """Some of the lines."""
+    """Select some of the lines."""
     counts = np.diff(traces.offset)
     keep = np.repeat(which, counts)
     return TraceSet(
@@ -67,7 +67,7 @@ def take_lines(traces: TraceSet, which: NDArray[np.bool_]) -> TraceSet:
 
 
 def take_profiles(profiles: ProfileSet, which: NDArray[np.bool_]) -> ProfileSet:
-    """Some of the profiles."""
+    """Select some of the profiles."""
     vertices = np.diff(profiles.offset)
     stretches = np.diff(profiles.cell_offset)
     keep_v = np.repeat(which, vertices)

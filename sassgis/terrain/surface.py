@@ -1,4 +1,4 @@
-"""A smooth surface through the heights of a grid, and smoothing that leaves planes alone.
+"""A smooth surface through the heights of a grid, and smoothing that leaves planes as they are.
 
 The surface is a cubic B-spline through the cell centres (M. Unser, 1999, Splines: a perfect fit
 for signal and image processing, IEEE Signal Processing Magazine 16(6), 22-38): twice
@@ -110,7 +110,7 @@ def smoothed(grid: Grid, scale_m: float) -> Grid:
 
 
 def block_scale_grid(grid: Grid, scale_m: float) -> Grid:
-    """Heights without what is smaller than a block.
+    """Return heights without what is smaller than a block.
 
     A block that bridges a bump does not feel its flanks as slopes; the slope variation of the
     ground class represents them. Planes stay as they are, and cells without a height. ``scale_m``
@@ -121,7 +121,7 @@ def block_scale_grid(grid: Grid, scale_m: float) -> Grid:
 
 
 def evaluate(surface: Surface, x: FloatArray, y: FloatArray) -> tuple[FloatArray, ...]:
-    """Height (m) of a surface and its gradient (m per m, eastward and northward) at points.
+    """Return height (m) of a surface and its gradient (m per m, eastward and northward) at points.
 
     NaN where the cell that holds the point has no height, and outside the grid.
     """
@@ -133,7 +133,7 @@ def evaluate(surface: Surface, x: FloatArray, y: FloatArray) -> tuple[FloatArray
 
 
 def _plane(values: FloatArray, valid: BoolArray) -> FloatArray:
-    """Least-squares plane through the valid heights, on the whole grid."""
+    """Fit the least-squares plane through the valid heights, on the whole grid."""
     count = int(valid.sum())
     if count == 0:
         raise InputError("the grid has no height at all", field="DEM", found="nodata only")
@@ -156,7 +156,7 @@ def _plane(values: FloatArray, valid: BoolArray) -> FloatArray:
 
 
 def _filled(residual: FloatArray, valid: BoolArray) -> FloatArray:
-    """Fill invalid cells from the nearest valid one, along its own slope."""
+    """Fill invalid cells from the nearest valid one, along its slope."""
     known = np.where(valid, residual, np.nan)
     slopes = [_one_sided_slope(known, axis) for axis in (0, 1)]
     distance, nearest = ndimage.distance_transform_edt(~valid, return_indices=True)
@@ -169,7 +169,7 @@ def _filled(residual: FloatArray, valid: BoolArray) -> FloatArray:
 
 
 def _one_sided_slope(known: FloatArray, axis: int) -> FloatArray:
-    """Mean of the forward and backward differences that exist; 0 where neither does."""
+    """Return the mean of the forward and backward differences that exist; 0 where neither does."""
     steps = np.diff(known, axis=axis)
     backward, forward = (np.insert(steps, k, np.nan, axis) for k in (0, steps.shape[axis]))
     count = np.isfinite(backward).astype(np.float64) + np.isfinite(forward)
@@ -187,17 +187,17 @@ def _pad_odd(values: FloatArray, axis: int) -> FloatArray:
 
 
 def _step(plane: FloatArray, axis: int) -> float:
-    """Rise of a plane from one row or column to the next."""
+    """Return the rise of a plane from one row or column to the next."""
     return float(np.diff(plane[:2, :2], axis=axis)[0, 0]) if plane.shape[axis] > 1 else 0.0
 
 
 def _local_linear(
     heights: FloatArray, valid: BoolArray, scale: float, general: tuple[float, float]
 ) -> FloatArray:
-    """Gaussian-weighted local linear regression.
+    """Return Gaussian-weighted local linear regression.
 
     ``scale`` in cells; ``general`` is the rise per row and per column where the surroundings carry
-    no slope of their own. NaN where invalid. What a cell gets depends on its surroundings alone, to
+    no separate slope. NaN where invalid. What a cell gets depends only on its surroundings, to
     the last bit, except where ``general`` is used.
     """
     radius = max(1, int(np.ceil(GAUSSIAN_ENDS * scale)))
@@ -207,7 +207,7 @@ def _local_linear(
     moments = tuple(weight * (offset / scale) ** power for power in (0, 1, 2))
     if not valid.all() or min(valid.shape) <= 4 * radius:
         return _regressed(heights, valid, moments, scale, general)
-    # Without nodata surroundings are incomplete near the edges alone.
+    # Without nodata surroundings are incomplete only near the edges.
     result = _correlated(heights, moments[0], moments[0])
     ends = (slice(radius), slice(2 * radius)), (slice(-radius, None), slice(-2 * radius, None))
     for both in ends:
@@ -219,7 +219,10 @@ def _local_linear(
 
 
 def _correlated(values: FloatArray, by_row: FloatArray, by_col: FloatArray) -> FloatArray:
-    """Weighted sums over the surroundings of each cell; beyond the edges there is nothing."""
+    """Return weighted sums over the surroundings of each cell.
+
+    Beyond the edges there is nothing.
+    """
     once = ndimage.correlate1d(values, by_row, axis=0, mode="constant")
     twice: FloatArray = ndimage.correlate1d(once, by_col, axis=1, mode="constant")
     return twice
@@ -232,7 +235,7 @@ def _regressed(
     scale: float,
     general: tuple[float, float],
 ) -> FloatArray:
-    """Local linear regression with these weights, and their first and second moments."""
+    """Return local linear regression with these weights, and their first and second moments."""
     mask = valid.astype(np.float64)
     known = np.where(valid, heights, 0.0)
 
@@ -267,7 +270,7 @@ def _regressed(
 
 @lean
 def standing(valid: BoolArray, u: float, v: float) -> int:
-    """-1 where the cell at (u, v) has a height, else the LineEnd that says what is missing."""
+    """Return -1 where the cell at (u, v) has a height, else the LineEnd of what is missing."""
     if not (u >= 0.0 and v >= 0.0 and u < valid.shape[1] and v < valid.shape[0]):
         return _LEFT_DEM
     if valid[int(v), int(u)]:
@@ -277,7 +280,7 @@ def standing(valid: BoolArray, u: float, v: float) -> int:
 
 @lean
 def slope_at(coefficients: FloatArray, u: float, v: float) -> tuple[float, float]:
-    """Gradient of the spline in metres per cell, along u and v."""
+    """Return the gradient of the spline in metres per cell, along u and v."""
     _, gu, gv, _, _, _ = shape_at(coefficients, u, v)
     return gu, gv
 
@@ -286,7 +289,7 @@ def slope_at(coefficients: FloatArray, u: float, v: float) -> tuple[float, float
 def shape_at(
     coefficients: FloatArray, u: float, v: float
 ) -> tuple[float, float, float, float, float, float]:
-    """Height, gradient (u, v) and second derivatives (uu, uv, vv) of the spline, per cell."""
+    """Return height, gradient (u, v) and second derivatives (uu, uv, vv) of the spline by cell."""
     a, b = u - 0.5 + PAD, v - 0.5 + PAD
     col, row = int(np.floor(a)), int(np.floor(b))
     t, r = a - col, b - row

@@ -54,7 +54,7 @@ class Drag(NamedTuple):
 
 
 def prepare(settings: AirDrag | None) -> Drag:
-    """From settings to what the kernel reads."""
+    """Turn the settings into what the kernel reads."""
     if settings is None or settings.drag_coefficient == 0.0 or settings.air_density_kgm3 == 0.0:
         return Drag(OFF, 0.0, 0.0, np.inf)
     return Drag(
@@ -67,7 +67,7 @@ def prepare(settings: AirDrag | None) -> Drag:
 
 @lean
 def sphericity(a: float, b: float, c: float) -> float:
-    """Surface of the sphere of equal volume over that of the ellipsoid (Thomsen's formula)."""
+    """Divide the surface of the sphere of equal volume by the ellipsoid's (Thomsen's formula)."""
     p = 1.6075
     mean = ((a * b) ** p + (a * c) ** p + (b * c) ** p) / 3.0
     return float((a * b * c) ** (2.0 / 3.0) / mean ** (1.0 / p))
@@ -75,7 +75,9 @@ def sphericity(a: float, b: float, c: float) -> float:
 
 @lean
 def resistance(drag: Drag, a: float, b: float, c: float, mass: float) -> float:
-    """K of the deceleration K v² (1/m): ½ ρ C_d A / m, A the mean section of the tumbling block.
+    """Return K of the deceleration K v² (1/m).
+
+    K = ½ ρ C_d A / m, A the mean section of the tumbling block.
 
     The mean shadow of a convex body is a quarter of its surface (Cauchy).
     """
@@ -92,7 +94,7 @@ def resistance(drag: Drag, a: float, b: float, c: float, mass: float) -> float:
 
 @lean
 def slowed(factor: float, vx: float, vz: float, time: float) -> tuple[float, float]:
-    """Velocity after drag alone has acted for a time: v / (1 + K v t), exact."""
+    """Return the velocity after only drag has acted for a time: v / (1 + K v t), exact."""
     size = math.sqrt(vx * vx + vz * vz)
     over = 1.0 / (1.0 + factor * size * time)
     return vx * over, vz * over

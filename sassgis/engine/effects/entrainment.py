@@ -64,7 +64,7 @@ class LooseBlocks(NamedTuple):
 
 
 def prepare(settings: Entrainment | None) -> LooseBlocks:
-    """From settings to what the kernel reads."""
+    """Turn the settings into what the kernel reads."""
     if settings is None or settings.number == 0.0:
         return LooseBlocks(OFF, 0.0, 1.0, 1.0, 0.0)
     return LooseBlocks(
@@ -78,7 +78,7 @@ def prepare(settings: Entrainment | None) -> LooseBlocks:
 
 @lean
 def blocks_entrained(loose: LooseBlocks, key: np.uint64, number: int, lost: float) -> int:
-    """How many blocks an impact that takes ``lost`` (J) entrains: Poisson, at most 20."""
+    """Draw how many blocks an impact that takes ``lost`` (J) entrains: Poisson, at most 20."""
     mean = loose.number
     if loose.form == ENERGY:
         mean *= lost / loose.energy
@@ -93,14 +93,14 @@ def blocks_entrained(loose: LooseBlocks, key: np.uint64, number: int, lost: floa
 
 @lean
 def speed_of_each(loose: LooseBlocks, n: int, lost: float, mass: float) -> float:
-    """Speed of each of n blocks of a mass (kg), all together with no more than ``lost`` (J)."""
+    """Return the speed of each of n blocks of a mass (kg), together with at most ``lost`` (J)."""
     own = min(loose.share, 1.0 / n) * lost
     return math.sqrt(2.0 * max(own, 0.0) / mass)
 
 
 @lean
 def angle_of(key: np.uint64, number: int, i: int) -> float:
-    """Angle above the ground at which block i leaves (rad), up to 45 degrees."""
+    """Return the angle above the ground at which block i leaves (rad), up to 45 degrees."""
     return _STEEPEST * rng.uniform(key, rng.ENTRAINED_ANGLE, 64 * number + i)
 
 

@@ -86,7 +86,7 @@ class Breaking(NamedTuple):
 
 
 def prepare(settings: Fragmentation | None) -> Breaking:
-    """From settings to what the kernel reads."""
+    """Turn the settings into what the kernel reads."""
     if settings is None:
         return Breaking(OFF, 0.0, 1.0, 0.0, 1.0, 2, 0.0, 0.0, 1.0)
     return Breaking(
@@ -104,7 +104,7 @@ def prepare(settings: Fragmentation | None) -> Breaking:
 
 @lean
 def breaks(breaking: Breaking, key: np.uint64, number: int, lost: float) -> bool:
-    """Whether an impact that takes ``lost`` (J/kg) breaks the block."""
+    """Return whether an impact that takes ``lost`` (J/kg) breaks the block."""
     if lost <= max(breaking.energy, 0.0):
         return False
     if breaking.form == THRESHOLD:
@@ -116,9 +116,9 @@ def breaks(breaking: Breaking, key: np.uint64, number: int, lost: float) -> bool
 
 @lean
 def most_fragments(breaking: Breaking, volume: float) -> int:
-    """Most fragments that a block of a volume (m³) can have, none of them below the smallest.
+    """Count the most fragments that a volume (m³) can have, none of them below the smallest.
 
-    One more than there is room for is told as too many.
+    One more than there is room for counts as too many.
     """
     most = min(int(min(volume / breaking.smallest, 1e6)), MOST_SPAWNED + 1)
     return min(most, breaking.pieces) if breaking.form == THRESHOLD else most
@@ -126,7 +126,7 @@ def most_fragments(breaking: Breaking, volume: float) -> int:
 
 @lean
 def shares(breaking: Breaking, key: np.uint64, number: int, volume: float, out: FloatArray) -> int:
-    """Shares of the volume of the fragments, largest first; they add up to 1.
+    """Return shares of the volume of the fragments, largest first; they add up to 1.
 
     Of "fractal" the i-th is in proportion to Γ_i^(-1/b), Γ_i the i-th point of a Poisson process
     with the rate 1: N(> V) follows V^-b without a lower end, and the largest scatter as in nature.
@@ -170,7 +170,7 @@ def shares(breaking: Breaking, key: np.uint64, number: int, volume: float, out: 
 def sideways_speeds(
     breaking: Breaking, key: np.uint64, number: int, n: int, share: FloatArray, out: FloatArray
 ) -> float:
-    """Sideways speeds of the fragments over their common speed ahead.
+    """Return sideways speeds of the fragments over their common speed ahead.
 
     No sideways momentum is made: the mean over the masses is taken off.
 
@@ -208,9 +208,9 @@ def angles_aside(
     vx: FloatArray,
     out: FloatArray,
 ) -> None:
-    """Angles in plan (rad) between the paths of the fragments and that of the whole.
+    """Compute the angles in plan (rad) between the paths of the fragments and that of the whole.
 
-    No momentum aside is made: with the speeds ``vx`` along their own paths, Σ m v_x sin(angle) = 0.
+    No lateral momentum arises: with the speeds ``vx`` along their paths, Σ m v_x sin(angle) = 0.
 
     Parameters
     ----------

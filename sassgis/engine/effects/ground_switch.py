@@ -21,7 +21,7 @@ GROUND_DTYPE = record_type(
 
 
 def ground_rows(table: GroundTable, classes: dict[str, Sequence[str]]) -> Records:
-    """The ground table as the kernel reads it: GROUND_DTYPE, shape (n_classes,).
+    """Return the ground table as the kernel reads it: GROUND_DTYPE, shape (n_classes,).
 
     Parameters
     ----------
@@ -44,7 +44,7 @@ def ground_rows(table: GroundTable, classes: dict[str, Sequence[str]]) -> Record
 
 
 def classes_on(names: Sequence[str], table: GroundTable, effect: str) -> NDArray[np.bool_]:
-    """Whether each ground class is among the names; no names are all classes.
+    """Return whether each ground class is among the names; no names are all classes.
 
     Raises
     ------

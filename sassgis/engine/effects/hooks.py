@@ -1,8 +1,8 @@
 """Where effects act on the motion: the only file that the motion calls, and that names them all.
 
-Each hook is given all effects, or None for the model of 1986 alone; numba then leaves out what the
+Each hook is given all effects, or None for the model of 1986 only; numba then leaves out what the
 hook does. The motion is so compiled twice at most: without effects, and with all of them behind
-their forms. What an effect does stands in its own file.
+their forms. What an effect does stands in a separate file.
 """
 
 from __future__ import annotations
@@ -61,7 +61,7 @@ class Effects(NamedTuple):
 
 
 def prepare(settings: EffectSettings, has_stems: bool) -> Effects | None:
-    """Effects for the kernel; None if none is on.
+    """Return effects for the kernel; None if none is on.
 
     Parameters
     ----------
@@ -85,7 +85,7 @@ def prepare(settings: EffectSettings, has_stems: bool) -> Effects | None:
 
 
 def ground_of(settings: EffectSettings, table: GroundTable) -> Records:
-    """Ground classes for the kernel (ground_switch.GROUND_DTYPE), with the effects on each."""
+    """List ground classes for the kernel (ground_switch.GROUND_DTYPE), with effects on each."""
     if not settings.on:
         return ground_rows(table, {})
     switched = (
@@ -97,14 +97,14 @@ def ground_of(settings: EffectSettings, table: GroundTable) -> Records:
 
 
 def most_spawned(settings: EffectSettings) -> int:
-    """For how many blocks that one released block spawns there has to be room."""
+    """Count the blocks spawned by one released block for which there has to be room."""
     spawning = (fragmentation.Fragmentation, entrainment.Entrainment)
     return MOST_SPAWNED if any(settings.get(kind) for kind in spawning) else 0
 
 
 @inlined
 def on_block(effects: Effects | None, block: Block) -> Block:
-    """The block as it moves, from the plane ellipse of the model of 1986."""
+    """Return the block as it moves, from the plane ellipse of the model of 1986."""
     if effects is not None and effects.shape.form == rock_shape.MEAN_INERTIA:
         inertia = rock_shape.tumbling_inertia(block.a, block.b, block.c)
         return with_inertia(block, inertia)
@@ -272,7 +272,7 @@ def before_stretch(
 def gain_over(
     effects: Effects | None, state: Record, block: Block, gain: float, path: float
 ) -> float:
-    """Change of v² over a path (m) that the stretch has turned out to take, without a stop.
+    """Return the change of v² over a path (m) that the stretch turned out to take, without a stop.
 
     ``gain`` is that without effects (m²/s²).
     """
@@ -288,7 +288,7 @@ def after_stretch(effects: Effects | None, state: Record, block: Block, arrived:
     Parameters
     ----------
     arrived : bool
-        Whether it ended before the path that before_stretch gave.
+        Whether it ended before the path that before_stretch returned.
     """
     if effects is not None and effects.stand.form != trees.OFF:
         state.to_stem -= state.stem_rate * abs(state.x - state.x_from)
@@ -311,7 +311,7 @@ def on_contact(
     rule: int,
     friction: float,
 ) -> tuple[float, float, int, float]:
-    """The surface that an impact meets: its normal, the rule of impact and the friction.
+    """Return the surface that an impact meets: its normal, the rule of impact and the friction.
 
     ``ground`` is the row of the ground class.
     """
@@ -338,7 +338,7 @@ def after_impact(
     wn: float,
     omega: float,
 ) -> tuple[float, float, float]:
-    """Velocity and spin after an impact with normal speed ``into`` (m/s), from those without."""
+    """Compute velocity and spin after an impact at normal speed ``into`` (m/s) from the others."""
     if effects is not None:
         if ground.soft_ground:
             wt, wn, omega = soft_ground.after_impact(

@@ -62,7 +62,7 @@ class Deflection(NamedTuple):
 
 
 def prepare(settings: LateralDeflection | None) -> Deflection:
-    """From settings to what the kernel reads."""
+    """Turn the settings into what the kernel reads."""
     if settings is None:
         return Deflection(OFF, 0.0, np.inf, 0.0)
     angle, width = math.radians(settings.angle_deg), settings.width_percent / 100.0

@@ -48,7 +48,7 @@ class Shape(NamedTuple):
 
 
 def prepare(settings: RockShape | None) -> Shape:
-    """From settings to what the kernel reads."""
+    """Turn the settings into what the kernel reads."""
     if settings is None:
         return Shape(OFF, 0.0)
     forms = {"flat_landing": FLAT_LANDING, "mean_inertia": MEAN_INERTIA}
@@ -57,13 +57,13 @@ def prepare(settings: RockShape | None) -> Shape:
 
 @lean
 def tumbling_inertia(a: float, b: float, c: float) -> float:
-    """Mean of the three moments of inertia per unit mass (m²)."""
+    """Return the mean of the three moments of inertia per unit mass (m²)."""
     return 2.0 / 15.0 * (a * a + b * b + c * c)
 
 
 @lean
 def lands_flat(shape: Shape, key: np.uint64, number: int, b: float, c: float) -> bool:
-    """Whether an impact falls on the flat side of the block."""
+    """Return whether an impact falls on the flat side of the block."""
     if shape.form != FLAT_LANDING:
         return False
     return bool(rng.uniform(key, rng.LANDING, number) < shape.strength * (1.0 - c / b))

@@ -50,7 +50,7 @@ class Rough(NamedTuple):
 
 
 def prepare(settings: Roughness | None) -> Rough:
-    """From settings to what the kernel reads."""
+    """Turn the settings into what the kernel reads."""
     if settings is None or settings.obstacle_m == 0.0:
         return Rough(OFF, 0.0, 1.0)
     return Rough(
@@ -62,7 +62,7 @@ def prepare(settings: Roughness | None) -> Rough:
 
 @lean
 def tilt(rough: Rough, key: np.uint64, number: int, radius: float) -> float:
-    """Angle by which the surface that an impact meets is turned (rad), positive uphill."""
+    """Return angle by which the surface that an impact meets is turned (rad), positive uphill."""
     u = rng.uniform(key, rng.TILT, number)
     if rough.form == UNIFORM:
         return (2.0 * u - 1.0) * math.atan(rough.obstacle / radius)
@@ -83,9 +83,9 @@ def tilted(
     nx: float,
     nz: float,
 ) -> tuple[float, float]:
-    """Normal of the surface that an impact with velocity (vx, vz) meets, from that of the ground.
+    """Tilt the ground's normal to that of the surface met by an impact with velocity (vx, vz).
 
-    The ground's own where the tilted surface would stand on its head or face away.
+    The ground's normal where the tilted surface would stand on its head or face away.
     """
     turn = tilt(rough, key, number, radius)
     # A positive tilt faces the block, from whichever side it comes.

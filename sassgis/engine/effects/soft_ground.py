@@ -72,7 +72,7 @@ class Soft(NamedTuple):
 
 
 def prepare(settings: SoftGround | None) -> Soft:
-    """From settings to what the kernel reads."""
+    """Turn the settings into what the kernel reads."""
     if settings is None:
         return Soft(OFF, 1.0, 1.0, False, 0.0, 0.0, 0.0, 0.0)
     return Soft(
@@ -89,14 +89,14 @@ def prepare(settings: SoftGround | None) -> Soft:
 
 @lean
 def rebound_left(soft: Soft, normal_speed: float) -> float:
-    """Share of the normal rebound that is left (Pfeiffer and Bowen 1989)."""
+    """Return the share of the normal rebound that remains (Pfeiffer and Bowen 1989)."""
     ratio = normal_speed / soft.reference
     return 1.0 / (1.0 + ratio * ratio)
 
 
 @lean
 def scar_depth(soft: Soft, mass: float, radius: float, normal_speed: float) -> float:
-    """Depth of the scar (m).
+    """Return the depth of the scar (m).
 
     After Lu et al. (2019) as another program has it, 0.16 m^¼ M_E^−0.4 v_n^0.8; or m v_n²/F with
     the force of ASTRA 12006 (2008, after Labiouse). Neither was read in its source.
@@ -111,7 +111,7 @@ def scar_depth(soft: Soft, mass: float, radius: float, normal_speed: float) -> f
 
 @lean
 def scar_energy_left(soft: Soft, mass: float, radius: float, normal_speed: float) -> float:
-    """Share of the energy that is left after the drag along the scar.
+    """Return the share of the energy that remains after the drag along the scar.
 
     ½ C ρ A v² over the length of the scar, relative to ½ m v²; A is the segment of a circle of the
     block's radius below the surface and the length its chord.
@@ -129,7 +129,7 @@ def scar_energy_left(soft: Soft, mass: float, radius: float, normal_speed: float
 def after_impact(
     soft: Soft, mass: float, radius: float, into: float, wt: float, wn: float, omega: float
 ) -> tuple[float, float, float]:
-    """Velocity and spin after an impact with normal speed ``into`` (m/s), from those without."""
+    """Compute velocity and spin after an impact at normal speed ``into`` (m/s) from the others."""
     if soft.form == VELOCITY_SCALED and wn > 0.0:
         wn *= rebound_left(soft, into)
     elif soft.form == SCAR:

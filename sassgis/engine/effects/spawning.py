@@ -12,7 +12,7 @@ MOST_SPAWNED = 5000
 
 
 def room_for(most: int) -> Spawned:
-    """Room for so many spawned blocks of one released block."""
+    """Return room for so many spawned blocks of one released block."""
     return Spawned(np.zeros(most, SPAWNED_DTYPE), np.zeros(1, np.int64))
 
 

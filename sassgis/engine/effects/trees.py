@@ -123,7 +123,7 @@ class Stand(NamedTuple):
 
 
 def prepare(settings: Trees | None, has_stems: bool) -> Stand:
-    """From settings to what the kernel reads; ``has_stems``: whether there is any forest."""
+    """Turn the settings into what the kernel reads; ``has_stems``: whether there is any forest."""
     if settings is None or not settings.takes_anything or not has_stems:
         return Stand(OFF, 0.0, 0.0, 0.0)
     return Stand(
@@ -136,7 +136,7 @@ def prepare(settings: Trees | None, has_stems: bool) -> Stand:
 
 @lean
 def stems_per_metre(stand: Stand, stems: float, diameter: float, width: float) -> float:
-    """Stems that a block of some width meets on a metre of its path in plan.
+    """Return stems that a block of some width meets on a metre of its path in plan.
 
     A stem is met if its axis lies within half the width of block and stem from the path.
 
@@ -154,13 +154,13 @@ def stems_per_metre(stand: Stand, stems: float, diameter: float, width: float) -
 
 @lean
 def to_next_stem(key: np.uint64, number: int) -> float:
-    """Stems that are expected up to the next one that is met: exponential with mean 1."""
+    """Return stems that are expected up to the next one that is met: exponential with mean 1."""
     return -math.log(rng.uniform(key, rng.STEM_DISTANCE, number))
 
 
 @lean
 def share_taken(offset: float) -> float:
-    """Share of the energy of a stem that a hit takes, by its distance from the middle.
+    """Return the share of the energy of a stem that a hit takes, by its distance from the middle.
 
     Dorren and Berger (2006), with the constants as Rockyfor3D has them (not checked
     against the source).
@@ -178,7 +178,7 @@ def share_taken(offset: float) -> float:
 
 @lean
 def stem_loss(stand: Stand, key: np.uint64, number: int, diameter: float) -> float:
-    """Energy that a stem of a diameter (m) takes (J)."""
+    """Return the energy that a stem of a diameter (m) takes (J)."""
     centimetres = 100.0 * diameter
     most = 38.7 * centimetres**2.31 * stand.efficiency
     if stand.form == STEMS:
@@ -188,13 +188,13 @@ def stem_loss(stand: Stand, key: np.uint64, number: int, diameter: float) -> flo
 
 @inlined
 def brakes(stand: Stand, stems: float) -> bool:
-    """Whether a viscous force acts."""
+    """Return whether a viscous force acts."""
     return stand.form == VISCOUS and stems > 0.0
 
 
 @lean
 def left_by_viscous(stand: Stand, stems: float, mass: float, time: float) -> float:
-    """Share of the speed that the viscous forest leaves after a time.
+    """Return the share of the speed that the viscous forest leaves after a time.
 
     For a negative time it is what gives the speed back; of one that is lost nothing comes back.
     """
@@ -205,7 +205,7 @@ def left_by_viscous(stand: Stand, stems: float, mass: float, time: float) -> flo
 
 @lean
 def on_ground(stand: Stand, stems: float, mass: float, speed: float, pull: float) -> Drawn:
-    """How the viscous forest lets a block go on along straight ground: v' = p − k v/m.
+    """Compute how the viscous forest slows a block on straight ground: v' = p − k v/m.
 
     Exact at the end of the path; before it the square of the speed is taken as linear.
 
@@ -233,11 +233,11 @@ def on_ground(stand: Stand, stems: float, mass: float, speed: float, pull: float
 
 @inlined
 def _after(rate: float, steady: float, speed: float, time: float) -> tuple[float, float]:
-    """Path (m) and speed (m/s) after a time in which the steady speed is approached."""
+    """Return path (m) and speed (m/s) after a time in which the steady speed is approached."""
     closed = -math.expm1(-rate * time)
     after = speed + (steady - speed) * closed
     if closed < _HARDLY_CLOSED:
-        # The steady speed may be as large as you like: of its difference only rounding is left.
+        # The steady speed may be as large as you like: of its difference only rounding remains.
         return 0.5 * (speed + after) * time, after
     return steady * time + (speed - steady) * closed / rate, after
 
@@ -246,7 +246,7 @@ def _after(rate: float, steady: float, speed: float, time: float) -> tuple[float
 def gain_over(
     stand: Stand, stems: float, mass: float, speed: float, gain: float, path: float
 ) -> float:
-    """As on_ground, the change of v² of a block that goes on for a path (m), and no stop.
+    """Return, as on_ground, the change of v² of a block that goes on for a path (m), and no stop.
 
     ``gain`` is that without the forest (m²/s²), taken as even over the path.
     """
@@ -268,7 +268,10 @@ def gain_over(
 
 @lean
 def longest_step(stand: Stand, stems: float, mass: float) -> float:
-    """Longest time between two turns of the viscous force (s): a tenth of the speed, or 5 ms."""
+    """Return the longest time between two turns of the viscous force (s).
+
+    It is a tenth of the speed, or 5 ms.
+    """
     if not brakes(stand, stems):
         return np.inf
     return max(_SHARE_PER_STEP * mass / stand.drag, _SHORTEST_STEP_S)
@@ -276,7 +279,7 @@ def longest_step(stand: Stand, stems: float, mass: float) -> float:
 
 @lean
 def time_to_height(stand: Stand, above: float, climb: float, gravity: float) -> tuple[bool, float]:
-    """Whether a block in flight is below the height of the stems, and when that changes (s).
+    """Return whether a block in flight is below the height of the stems, and when that changes (s).
 
     Parameters
     ----------
@@ -298,7 +301,7 @@ def time_to_height(stand: Stand, above: float, climb: float, gravity: float) -> 
 
 @lean
 def to_other_forest(stretches: Records, i: int, x: float, direction: int) -> tuple[int, float]:
-    """Stretch ahead of a block that moves in a direction, and how far its forest goes on (m).
+    """Find the stretch ahead of a block in a direction, and how far its forest goes on (m).
 
     To the next vertex at most: there the height above the ground changes otherwise. Of a long
     straight slope a few cells are looked at.
@@ -327,7 +330,7 @@ def before_flight(
     gravity: float,
     longest: float,
 ) -> float:
-    """How long a flight may go on before the forest changes or a stem is met (s)."""
+    """Compute the time of flight (s) before the forest changes or a stem is met."""
     direction = 1 if state.vx >= 0.0 else -1
     ahead, gap = to_other_forest(site.stretches, state.stretch, state.x, direction)
     stretch = site.stretches[ahead]
@@ -364,7 +367,7 @@ def before_flight(
 def before_stretch(
     stand: Stand, state: Record, block: Block, site: Site, pull: float, ux: float
 ) -> Drawn:
-    """Acceleration of a block that rolls or slides, until the forest changes or a stem is met."""
+    """Return the acceleration on the ground until the forest changes or a stem is met."""
     ahead, gap = to_other_forest(site.stretches, state.stretch, state.x, state.direction)
     stretch = site.stretches[ahead]
     state.stems = stretch.stems
@@ -382,7 +385,7 @@ def before_stretch(
 
 @lean
 def speed_left_at_stem(stand: Stand, state: Record, key: np.uint64, energy: float) -> float:
-    """Share of the speed that is left after the stem that a step has come to.
+    """Return the share of the speed that remains after the stem that a step has come to.
 
     Parameters
     ----------
@@ -401,5 +404,5 @@ ENERGY_EXPONENT = 2.31
 
 @cache
 def energy_ratios() -> Mapping[str, float]:
-    """Ratio by species, from sassgis/data/tree_species.csv, which has the sources."""
+    """Return the ratio by species, from sassgis/data/tree_species.csv, which has the sources."""
     return {row["species"]: float(row["energy_ratio"]) for row in built_in_rows("tree_species")}

@@ -50,7 +50,7 @@ class Push(NamedTuple):
 
 
 def prepare(settings: Wind | None) -> Push:
-    """From settings to what the kernel reads."""
+    """Turn the settings into what the kernel reads."""
     if settings is None or settings.acceleration_mps2 == 0.0:
         return Push(OFF, 0.0, np.inf)
     return Push(STEADY, float(settings.acceleration_mps2), WIND_STEP_S)
@@ -58,7 +58,7 @@ def prepare(settings: Wind | None) -> Push:
 
 @lean
 def longest_step(push: Push, state: Record) -> float:
-    """Longest step of a flight (s), infinite without wind.
+    """Return the longest step of a flight (s), infinite without wind.
 
     The first is half as long and begins without a push: a block that has just left the ground is
     not pushed back into it. Steps then are of second order in their length.

@@ -3,7 +3,7 @@
 For the latter, two calibrated models are released again, and seen where they differ most. Both fit
 what was observed, each with several draws of its parameters. What they would show elsewhere, or by
 quantities that were not measured, is simulated with the stated errors. A difference counts if the
-draws of one model do not differ as much; the number of rocks that would tell the models apart is
+draws of one model do not differ as much; the number of rocks that would distinguish the models is
 then that of a test of one mean (level 5 %, power 80 %).
 """
 
@@ -44,7 +44,7 @@ class Quantity:
 
 @dataclass(frozen=True, slots=True)
 class Identifiable:
-    """What observations support, and what not."""
+    """Quantities that observations support, and those that they do not."""
 
     rocks: int
     unattributed: int  # blocks and passages that belong to none of the rocks
@@ -53,12 +53,12 @@ class Identifiable:
     not_identifiable: tuple[str, ...]
 
     def has(self, name: str, table: str | None = None) -> bool:
-        """Whether a quantity is there, in one table or in any."""
+        """Return whether a quantity is there, in one table or in any."""
         return any(q.name == name and table in (None, q.table) for q in self.quantities)
 
 
 def what_is_identifiable(observations: Observations) -> Identifiable:
-    """Which quantities the data support, and what they do not identify."""
+    """Find the quantities that the data support, and those that they do not identify."""
     quantities = []
     unattributed = 0
     for table, data in observations.tables.items():
@@ -169,7 +169,7 @@ def _missing_of_rocks(observations: Observations) -> Iterable[str]:
 
 
 def _causes_without_fingerprint(observations: Observations) -> Iterable[str]:
-    """Causes that leave nothing in the tables that are there, and what each would take."""
+    """Yield causes that leave nothing in the given tables, and what each would take."""
     unseen: dict[tuple[str, ...], list[str]] = {}
     for cause in CAUSES.values():
         lacks = [
@@ -217,11 +217,11 @@ _LEAST_ROCKS = 5
 
 @dataclass(frozen=True, slots=True)
 class Separation:
-    """A measurement that tells two causes apart."""
+    """A measurement that distinguishes two causes."""
 
     one: str
     other: str
-    what: str  # what is measured, in words; empty if nothing that was tried tells them apart
+    what: str  # what is measured, in words; empty if nothing that was tried distinguishes them
     rocks: int  # that it takes
 
     @property
@@ -243,7 +243,7 @@ class Separation:
 def separations(
     case: Case, rock_lines: RockLines, models: Mapping[str, Sequence[HypothesisModel]], seed: int
 ) -> tuple[Separation, ...]:
-    """What would best distinguish the first of several calibrated models from each of the others.
+    """Find what would best distinguish the first of several calibrated models from the others.
 
     ``models``: draws that fit alike; the cause that is to be distinguished first.
     """
@@ -257,14 +257,14 @@ def separations(
 
 
 def _recorded(case: Case) -> dict[str, int]:
-    """Rocks of which impacts and stops were recorded, by what they show in words."""
+    """Return rocks of which impacts and stops were recorded, by what they show in words."""
     # Stations that are tried are new ones.
     seen = replace(observed_campaign(case), passages=None)
     return {what: int(np.isfinite(v).sum()) for what, v in _quantities(seen, ())}
 
 
 def tables_to_add(case: Case, causes: Sequence[str]) -> tuple[str, ...]:
-    """Tables of observations that lack, and the causes that have a fingerprint in them."""
+    """Return tables of observations that lack, and the causes that have a fingerprint in them."""
     tables = case.observations.tables
     shown: dict[tuple[str, ...], list[str]] = {}
     for cause in (CAUSES[name] for name in causes if name in CAUSES):
@@ -288,7 +288,7 @@ def tables_to_add(case: Case, causes: Sequence[str]) -> tuple[str, ...]:
 
 
 def _places(case: Case, rock_lines: RockLines) -> FloatArray:
-    """Chainages of stations at which nothing was measured yet (m)."""
+    """Return chainages of stations at which nothing was measured yet (m)."""
     stops = case.projected["deposits"].s if "deposits" in case.projected else np.empty(0)
     known = stops[np.isfinite(stops)]
     # Lines of followed paths have no end but that of the trace.
@@ -308,7 +308,7 @@ def _shown(
     places: FloatArray,
     seed: int,
 ) -> dict[str, FloatArray]:
-    """What every rock shows in every campaign, by words, shape (DRAWS, _CAMPAIGNS, n_rocks)."""
+    """Simulate what rocks show in campaigns, by words, shape (DRAWS, _CAMPAIGNS, n_rocks)."""
     there = with_stations_at(case, places)
     names = [phrase("{} along the fall line", name) for name in there.station_names]
     lines = replace(rock_lines, control_lines=control_lines_of(there))
@@ -327,7 +327,7 @@ def _shown(
 
 
 def _quantities(sample: Campaign, places: Sequence[str]) -> Iterator[tuple[str, FloatArray]]:
-    """What each rock of one campaign shows, shape (n_rocks,); NaN where nothing."""
+    """Yield the quantities of each rock of one campaign, shape (n_rocks,); NaN where nothing."""
     n = sample.n_rocks
     passed, lying, hit = sample.passages, sample.deposits, sample.impacts
     if passed is not None:
@@ -344,7 +344,7 @@ def _quantities(sample: Campaign, places: Sequence[str]) -> Iterator[tuple[str, 
             "lateral distance of stops from the fall line",
             per_rock(np.abs(lying.lateral_m), whole, n),
         )
-        # A rock without blocks of its own has none besides itself.
+        # A rock without blocks to its name has none but itself.
         more = np.bincount(lying.rock[(lying.rock >= 0) & (lying.kind != WHOLE)], minlength=n)
         yield "the number of pieces of each rock", more.astype(np.float64)
     if hit is not None:
@@ -370,9 +370,9 @@ def _best(
     second: Mapping[str, FloatArray],
     recorded: Mapping[str, int],
 ) -> Separation:
-    """The measurement with the largest difference, counted on campaigns that did not choose it.
+    """Return measurement with the largest difference, counted on campaigns that did not choose it.
 
-    What was recorded of so many rocks already has not told them apart.
+    What was recorded of so many rocks already has not distinguished them.
     """
     half, sure = _CAMPAIGNS // 2, 0.0
     size = {w: _difference(first[w][:, :half], second[w][:, :half]) for w in first}
@@ -387,12 +387,14 @@ def _best(
 
 
 def _rocks(difference: float) -> float:
-    """Rocks that a difference takes, in standard deviations of one."""
+    """Return rocks that a difference takes, in standard deviations of one."""
     return (_SURE / difference) ** 2 if difference else math.inf
 
 
 def _difference(one: FloatArray, other: FloatArray) -> float:
-    """Mean difference of a rock in two models over its scatter; less where few rocks show it.
+    """Return the mean difference of a rock in two models over its scatter.
+
+    It is less where few rocks show it.
 
     0 where the draws of the models differ by as much: more rocks do not help then.
     """
@@ -414,6 +416,6 @@ def _difference(one: FloatArray, other: FloatArray) -> float:
 
 
 def _of_draws(means: FloatArray) -> FloatArray:
-    """Mean of each draw over the rocks that all draws have, shape (DRAWS,)."""
+    """Return the mean of each draw over the rocks that all draws have, shape (DRAWS,)."""
     whole = np.isfinite(means).all(axis=0)
     return means[:, whole].mean(axis=1) if whole.any() else np.zeros(len(means))

@@ -1,4 +1,4 @@
-"""What is told first: how far the configured model is off, what to set, what follows."""
+"""Recommendation: how far the configured model is off, what to set, what follows."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ _SAMPLES, _FEWEST = 999, 3
 
 
 def values_of(scale: Scale, rows: FloatArray, column: int) -> FloatArray:
-    """A quantity in its own unit from rows of rocks; NaN where a rock has none."""
+    """Return a quantity in its unit from rows of rocks; NaN where a rock has none."""
     found = rows[..., column] * scale.scale[column] + scale.centre[column]
     if scale.names[column].partition(":")[2] in ("speed", "blocks"):
         found = np.exp(found)
@@ -47,7 +47,7 @@ def model_gaps(
     left: float = 0.0,
     scales: tuple[float, float] = (1.0, 1.0),
 ) -> tuple[ModelGap, ...]:
-    """How far a model is off: run-out, and energy, or else speed, and arrivals at the stations.
+    """Compute how far a model is off: run-out, energy or else speed, arrivals at stations.
 
     Parameters
     ----------
@@ -100,7 +100,7 @@ def model_gaps(
 def _arrivals(
     problem: SiteData, place: str, column: int, seen: BoolArray, made: BoolArray
 ) -> ModelGap:
-    """How many more rocks arrived at a station than do in the model (% of the rocks).
+    """Compute the surplus of rocks at a station over the model's (% of the rocks).
 
     Fewer say nothing: a station may miss rocks. ``seen``: recorded there, shape (n_rocks,);
     ``made``: the same of campaigns of the model, shape (m, n_rocks).
@@ -118,7 +118,7 @@ def _arrivals(
 def _reaches_beyond(
     statistic: str, compared: Mapping[str, tuple[float, float, Range]], left: float
 ) -> bool:
-    """Whether a run-out is unknown, as those rocks left the terrain, or too narrow but farther."""
+    """Return whether a run-out is unknown (rocks left the terrain), or too narrow but farther."""
     if statistic == "width" and compared["90 %"][2][1] < 0.0:
         return True
     return left > (0.5 if statistic == "median" else 0.1)
@@ -127,7 +127,7 @@ def _reaches_beyond(
 def _compared(
     seen: FloatArray, made: FloatArray, group: IntArray, rng: np.random.Generator
 ) -> dict[str, tuple[float, float, Range]]:
-    """Observed and predicted median, 90 % quantile and width, and interval of the difference."""
+    """Compare observed and predicted median, 90 % quantile and width, with intervals."""
 
     def statistics(values: FloatArray) -> FloatArray:
         low, middle, high = quantiles_of(values[np.isfinite(values)], (0.1, 0.5, 0.9))
@@ -142,7 +142,7 @@ def _compared(
 def _interval(
     statistic: Callable[[IntArray], Any], group: IntArray, rng: np.random.Generator
 ) -> FloatArray:
-    """95 % interval of a statistic of rows of rocks, shape (2, ...); NaN of a single group.
+    """Return 95 % interval of a statistic of rows of rocks, shape (2, ...); NaN of a single group.
 
     Groups of rocks are drawn anew; the statistic takes the rows of those that are drawn.
     """
@@ -153,7 +153,7 @@ def _interval(
 
 
 def worst_of(gaps: Sequence[ModelGap]) -> ModelGap | None:
-    """The surest relevant gap on the unsafe side, else on the safe side, else the first of all."""
+    """Return the surest relevant gap on the unsafe side, else on the safe side, else the first."""
 
     def sureness(gap: ModelGap) -> float:
         return abs(gap.gap) / max(gap.ci95[1] - gap.ci95[0], 1e-9)
@@ -166,14 +166,14 @@ def worst_of(gaps: Sequence[ModelGap]) -> ModelGap | None:
 
 
 def shortfall(gaps: Sequence[ModelGap]) -> ModelGap | None:
-    """The surest gap by which a model falls far short; None if it does not."""
+    """Return the surest gap by which a model falls far short; None if it does not."""
     return worst_of([gap for gap in gaps if gap.far_short])
 
 
 def settings_of(
     case: Case, fit: FittedHypothesis, intervals: Mapping[str, Range]
 ) -> tuple[GroundSetting, ...]:
-    """Ground of a model that is handed over, with intervals."""
+    """Return the ground of a model that is handed over, with intervals."""
     before, found = {c.name: c for c in case.table.classes}, []
     for label, value in fit.handed_over.draw.parameters.items():
         ground, _, name = label.rpartition(".")
@@ -184,7 +184,7 @@ def settings_of(
 
 
 def wrong_ground(case: Case, intervals: Mapping[str, Range]) -> tuple[str, ...]:
-    """Classes of which a parameter certainly lies outside its usual range.
+    """Return classes of which a parameter certainly lies outside its usual range.
 
     ``intervals``: of parameters of the base with a free contact.
     """
@@ -204,7 +204,7 @@ def wrong_ground(case: Case, intervals: Mapping[str, Range]) -> tuple[str, ...]:
 
 
 def first_sentence(advice: Advice, ladder: Sequence[Rung], effect: str = "") -> str:
-    """How far the configured model is off and on which side, what to set, and what that leaves.
+    """State how far the configured model is off, to which side, what to set and what remains.
 
     ``effect``: what the diagnosis names.
     """
@@ -236,12 +236,12 @@ def first_sentence(advice: Advice, ladder: Sequence[Rung], effect: str = "") -> 
 
 
 def _far_safe(gaps: Sequence[ModelGap]) -> ModelGap | None:
-    """The surest gap that is far off on the safe side."""
+    """Return the surest gap that is far off on the safe side."""
     return worst_of([own for own in gaps if own.side == "safe" and own.is_far])
 
 
 def _shares(ladder: Sequence[Rung]) -> dict[str, Phrase]:
-    """What models close of the gap; a share whose interval holds zero may be chance."""
+    """Return what models close of the gap; a share whose interval holds zero may be chance."""
     return {
         r.rung: _closed(r)
         for r in ladder
@@ -250,7 +250,7 @@ def _shares(ladder: Sequence[Rung]) -> dict[str, Phrase]:
 
 
 def _to_run(advice: Advice, ladder: Sequence[Rung]) -> list[Phrase]:
-    """What is recommended, what it closes, and why nothing more is."""
+    """State what is recommended, what it closes, and why nothing more is."""
     why = [phrase("{}.", capital(advice.why))] if advice.why else []
     if advice.recommended == "configured":
         if advice.short is not None:
@@ -318,7 +318,7 @@ _OFF: Mapping[str, tuple[str, ...]] = {
 
 
 def _off_by(gap: ModelGap, advice: Advice) -> Phrase:
-    """A gap of the configured model or of the one that is handed over, in words."""
+    """Return a gap of the configured model or of the one that is handed over, in words."""
     statistic, quantity = phrase(gap.statistic), quantity_name(gap.quantity)
     if not gap.counts:
         compared = dict.fromkeys(

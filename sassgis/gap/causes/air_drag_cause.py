@@ -35,7 +35,7 @@ _AIR_KGM3, MOST_DRAG = 1.2, 2.0
 #: Errors of the comparison itself, as a drag coefficient: what is more than that can be seen; and
 #: the longest contact (s).
 _LEAST_DRAG, _LASTS_S = 0.5, 0.1
-#: The same on flights in time; what may bend them aside, as a share of what brakes them.
+#: The same on flights in time; what may bend them sideways, as a share of what brakes them.
 _LEAST_DRAG_IN_TIME, _ASIDE = 0.2, 0.5
 #: A flight that kept its length to this share was free of anything but air.
 _FREE = 0.15
@@ -48,7 +48,7 @@ def _draw(case: Case, draws: ParameterDraws) -> CausePart:
 
 
 def _pull(case: Case, rows: StepTable) -> FloatArray:
-    """ρ A/(2 m) of the rock of each row: what air takes for C_d = 1 (1/m)."""
+    """Return ρ A/(2 m) of the rock of each row: what air takes for C_d = 1 (1/m)."""
     mass = case.mass_kg[rows.rock]
     usual = 4.0 / 3.0 * np.pi * rows.radius_m**3 * DENSITY_KGM3
     pull = 0.5 * _AIR_KGM3 * np.pi * rows.radius_m**2
@@ -56,7 +56,10 @@ def _pull(case: Case, rows: StepTable) -> FloatArray:
 
 
 def _against_the_motion(case: Case, residuals: ResidualTable) -> Scores:
-    """Level speed lost on flights in time: neither scale nor time base of a film makes it."""
+    """Return level speed lost on flights in time.
+
+    Neither scale nor time base of a film makes it.
+    """
     rows, across = (residuals.steps.of("air", f"{name}_mps2") for name in ("ahead", "across"))
     if np.unique(rows.rock).size < 2 * LEAST:
         raise Unseen
@@ -77,7 +80,7 @@ def _against_the_motion(case: Case, residuals: ResidualTable) -> Scores:
 
 
 def _on_every_flight(case: Case, residuals: ResidualTable) -> Scores:
-    """Energy lost on free flights, less what contacts take that last.
+    """Return energy lost on free flights, less what contacts take that last.
 
     A flight is counted from where a contact begins, with the velocity at its end. What gravity
     gives meanwhile looks like a loss, but one that knows no size of the rock.

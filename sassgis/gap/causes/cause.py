@@ -27,7 +27,7 @@ from sassgis.settings.effects import EffectSection
 
 
 def rounded(value: float) -> float:
-    """As many digits as a configuration states: the model that is written is the one scored."""
+    """Round to the digits that a configuration states: the model written is the one scored."""
     return float(f"{value:.6g}")
 
 
@@ -61,7 +61,7 @@ class ParameterDraws:
         self.smooth: set[str] = set()
 
     def share(self, name: str) -> float:
-        """A number from 0 to 1."""
+        """Return a number from 0 to 1."""
         if name not in self.used:
             known = self._given.get(name)
             if known is None:
@@ -74,31 +74,31 @@ class ParameterDraws:
         return self.share(name)
 
     def uniform(self, name: str, low: float, high: float) -> float:
-        """A number between limits."""
+        """Return a number between limits."""
         return rounded(low + (high - low) * self._gradual(name))
 
     def log(self, name: str, low: float, high: float) -> float:
-        """A number between limits, evenly on a logarithmic scale."""
+        """Return a number between limits, evenly on a logarithmic scale."""
         return rounded(math.exp(math.log(low) + math.log(high / low) * self._gradual(name)))
 
     def normal(self, name: str, sd: float) -> float:
-        """A number from a normal distribution about zero."""
+        """Return a number from a normal distribution about zero."""
         return rounded(sd * float(ndtri(min(max(self._gradual(name), 1e-6), 1.0 - 1e-6))))
 
     def within(self, name: str, limits: Range) -> float:
-        """A number from a range."""
+        """Return a number from a range."""
         draw = self.log if limits.scale == "log" else self.uniform
         return draw(name, limits.low, limits.high)
 
     def one_of(self, name: str, choices: Sequence[str], shares: Sequence[float]) -> str:
-        """One of some words."""
+        """Draw one of some words."""
         edges = np.cumsum(shares) / sum(shares)
         return choices[min(int(np.searchsorted(edges, self.share(name), "right")), len(edges) - 1)]
 
 
 @dataclass(frozen=True, slots=True)
 class Fit:
-    """What the diagnosis fits of an effect."""
+    """Fit of an effect in the diagnosis."""
 
     ranges: Mapping[str, Range]  # of all forms; a parameter that is not named keeps its default
     #: How often each form is tried, relative to the others; empty if the effect has one law.
@@ -107,7 +107,7 @@ class Fit:
     parameters: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
 
     def drawn(self, name: str, draws: ParameterDraws) -> tuple[str, dict[str, float]]:
-        """A form ("" if there is one law alone) and its parameters, for the effect ``name``."""
+        """Draw a form ("" if there is only one law) and its parameters for the effect ``name``."""
         form = ""
         if self.forms:
             form = draws.one_of(f"{name}.form", tuple(self.forms), tuple(self.forms.values()))
@@ -131,13 +131,13 @@ MEDIAN_OF_NORMAL = 0.6745
 
 
 def usual_scatter(values: FloatArray) -> float:
-    """Standard deviation of numbers, by the middle half of them alone."""
+    """Return the standard deviation of numbers, by only the middle half of them."""
     return float(np.median(np.abs(values - float(np.median(values))))) / MEDIAN_OF_NORMAL
 
 
 @dataclass(frozen=True, slots=True)
 class CausePart:
-    """What one cause sets of a model: its form, the change, and the parameters to report."""
+    """Part of a model set by one cause: its form, the change, and the parameters to report."""
 
     form: str
     change: Callable[[HypothesisModel], HypothesisModel]
@@ -148,7 +148,7 @@ class CausePart:
 class Scores:
     """Numbers whose mean is zero where the cause is absent."""
 
-    values: FloatArray  # shape (n_rocks,), or (1,): a z that has its own null
+    values: FloatArray  # shape (n_rocks,), or (1,): a z with a separate null
     size: float  # what was seen, in the unit of the statistic
     #: Of each rock to score above zero where the cause is absent; values then are 0 or 1.
     chance: FloatArray | None = None
@@ -159,7 +159,7 @@ Placing = Callable[[Case, Sequence[HypothesisModel]], tuple[str, ...]]
 
 
 class Unseen(Exception):
-    """What a fingerprint takes was not observed, or of too few rocks."""
+    """Error where what a fingerprint takes was not observed, or of too few rocks."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -193,7 +193,7 @@ class Cause:
     #: Whether it is weighed against the other causes; the law of the contact is that of the base.
     weighed: bool = True
     #: Whether it closes some of the distance between observed and simulated rocks where it acts.
-    #: Masses of pieces and instruments that contradict each other show it without.
+    #: Masses of fragments and instruments that contradict each other show it without.
     closes: bool = True
     #: Reaches in which fitted models have it act: the whole slope, if it says nothing else.
     place: Placing = lambda case, _: case.reaches
@@ -216,7 +216,7 @@ class Cause:
 def part_of(
     settings: type[EffectSection], form: str, values: Mapping[str, float], **others: object
 ) -> CausePart:
-    """An effect with drawn values and others that are not reported."""
+    """Return an effect with drawn values and others that are not reported."""
     effect = settings(**({"form": form} if form else {}), **others, **values)
 
     def change(model: HypothesisModel) -> HypothesisModel:
@@ -228,7 +228,7 @@ def part_of(
 def fitted_alone(
     settings: type[EffectSection], fit: Fit
 ) -> Callable[[Case, ParameterDraws], CausePart]:
-    """Draws of an effect of which nothing but the ranges is to be said."""
+    """Return draws of an effect of which nothing but the ranges is to be said."""
 
     def draw(case: Case, draws: ParameterDraws) -> CausePart:
         return part_of(settings, *fit.drawn(settings.name, draws))
@@ -241,20 +241,20 @@ HARD = ("rock", "asphalt")
 
 
 def _yielding(case: Case) -> list[str]:
-    """Classes that profiles cross, but for hard ones if there are others."""
+    """Return classes that profiles cross, but for hard ones if there are others."""
     present = [case.table.classes[k].name for k in np.unique(case.profiles.ground).tolist()]
     return [name for name in present if name not in HARD] or present
 
 
 def soft_first(case: Case) -> list[str]:
-    """Classes that are not hard, the softest first."""
+    """Return classes that are not hard, the softest first."""
     return sorted(
         _yielding(case), key=lambda name: case.table.classes[case.table.index(name)].eta_max
     )
 
 
 def loose_classes(case: Case, draws: ParameterDraws) -> tuple[str, ...]:
-    """Classes with loose blocks."""
+    """Return classes with loose blocks."""
     loose = _yielding(case)
     # Meadows are commonly free of stones.
     if len(loose) > 1 and draws.share("loose_classes") < 0.6:
@@ -263,7 +263,10 @@ def loose_classes(case: Case, draws: ParameterDraws) -> tuple[str, ...]:
 
 
 def on_its_classes(effect: str) -> Placing:
-    """Reaches with the classes that most fitted models have an effect on; all without any."""
+    """Return reaches with the classes that most fitted models have an effect on.
+
+    All reaches count if there are no such classes.
+    """
 
     def place(case: Case, models: Sequence[HypothesisModel]) -> tuple[str, ...]:
         effects = [model.effects.named(effect) for model in models]
@@ -275,7 +278,7 @@ def on_its_classes(effect: str) -> Placing:
 
 
 def reaches_between(case: Case, low: float, high: float) -> tuple[str, ...]:
-    """Reaches that a stretch of chainage touches (m)."""
+    """Return reaches that a stretch of chainage touches (m)."""
     # Medians over the rocks.
     inner = np.nanmedian(case.station_s, axis=0).tolist() if case.station_names else []
     edges = [-np.inf, *inner, np.inf]
@@ -287,7 +290,7 @@ def reaches_between(case: Case, low: float, high: float) -> tuple[str, ...]:
 
 
 def reaches_on(case: Case, classes: Sequence[str]) -> tuple[str, ...]:
-    """Reaches in which the profiles cross any of some ground classes."""
+    """Return reaches in which the profiles cross any of some ground classes."""
     wanted = [k for k, name in enumerate(case.table.names) if name in classes]
     found: set[str] = set()
     source = case.profiles
@@ -301,7 +304,7 @@ def reaches_on(case: Case, classes: Sequence[str]) -> tuple[str, ...]:
 
 
 #: Mean turn at a contact (deg), and growth of offsets over the way, that edges of blocks and uneven
-#: ground make anywhere: no effect of its own. Published standard deviations are 5 to 20° and 10 to
+#: ground make anywhere: no separate effect. Published standard deviations are 5 to 20° and 10 to
 #: 20 % of the way (docs/effects.md); rigid bodies of the check turn by 7 to 12°.
 EDGES_TURN_DEG, EDGES_GROWTH = 10.0, 0.15
 #: How far paths leave their fall line by flying straight, where they are still near it (m per m).
@@ -309,7 +312,7 @@ STRAIGHT = 0.02
 
 
 def contact_gaps(residuals: ResidualTable, quantity: str) -> tuple[StepTable, FloatArray]:
-    """Impacts and their z; Unseen where there are few, or few with a normal speed."""
+    """Return impacts and their z; Unseen where there are few, or few with a normal speed."""
     steps = residuals.steps
     rows = steps.of("impact", quantity)
     if min(len(rows), len(steps.of("impact", "normal_speed_mps"))) < 4 * LEAST:
@@ -318,7 +321,7 @@ def contact_gaps(residuals: ResidualTable, quantity: str) -> tuple[StepTable, Fl
 
 
 def beyond_any_law(rows: StepTable, z: FloatArray) -> FloatArray:
-    """Z less a smooth function of speed and ground: what no law of the contact could do."""
+    """Return z less a smooth function of speed and ground: what no law of the contact could do."""
     grounds = [(rows.ground == k).astype(np.float64) for k in np.unique(rows.ground).tolist()[1:]]
     speed = np.log(np.maximum(rows.vn_mps, 0.2))
     design = np.column_stack([np.ones(len(rows)), speed, rows.predicted / 10.0, *grounds])
@@ -327,7 +330,10 @@ def beyond_any_law(rows: StepTable, z: FloatArray) -> FloatArray:
 
 
 def loss_of_flights(rows: StepTable) -> tuple[StepTable, FloatArray, FloatArray]:
-    """Flights, what they lost (J/kg), and that in standard deviations; Unseen if there are few."""
+    """Return flights, what they lost (J/kg), and that in standard deviations.
+
+    Raises Unseen if there are few.
+    """
     if len(rows) < 2 * LEAST:
         raise Unseen
     loss = rows.predicted - rows.observed
@@ -335,7 +341,9 @@ def loss_of_flights(rows: StepTable) -> tuple[StepTable, FloatArray, FloatArray]
 
 
 def gaps_by_reach(residuals: ResidualTable, quantity: str) -> dict[str, FloatArray]:
-    """Gaps of a quantity by the name of the reach, shape (n_rocks,) each; Unseen without any.
+    """Return gaps of a quantity by the name of the reach, shape (n_rocks,) each.
+
+    Raises Unseen without any.
 
     Reaches where too few rocks have one are left out. Gaps of the speed are relative to what is
     predicted, so that fast reaches do not outweigh the others.
@@ -355,12 +363,12 @@ def gaps_by_reach(residuals: ResidualTable, quantity: str) -> dict[str, FloatArr
 
 
 def reach_gaps(residuals: ResidualTable, quantity: str) -> FloatArray:
-    """The same, shape (n_rocks, n_reaches)."""
+    """Return the same, shape (n_rocks, n_reaches)."""
     return np.column_stack([*gaps_by_reach(residuals, quantity).values()])
 
 
 def over_scatter(gaps: FloatArray, least: float) -> FloatArray:
-    """Gaps in units of the scatter of the rocks on each reach, or of ``least`` if that is less.
+    """Divide gaps by the scatter of the rocks on each reach, or by ``least`` if that is more.
 
     Of one reach, shape (n_rocks,), or of several.
     """
@@ -368,10 +376,10 @@ def over_scatter(gaps: FloatArray, least: float) -> FloatArray:
 
 
 def wrong_on_one(residuals: ResidualTable, sign: float = 0.0) -> dict[str, FloatArray]:
-    """How much the speed is wrong on each reach alone, in scatters, shape (n_rocks,) each.
+    """Measure how wrong the speed is on each single reach, in scatters, shape (n_rocks,) each.
 
     Its gap less that on the others, as far as this exceeds what the others are off themselves:
-    where all reaches are wrong none is wrong alone. ``sign`` is that of the gap that is looked for;
+    where all reaches are wrong no single one is. ``sign`` is that of the gap that is looked for;
     0: that which the reach has.
     """
     speed = gaps_by_reach(residuals, "speed_mps")
@@ -387,23 +395,23 @@ def wrong_on_one(residuals: ResidualTable, sign: float = 0.0) -> dict[str, Float
 
 
 def late_by_rock(gaps: FloatArray) -> FloatArray:
-    """Mean over reaches of gaps less that of all rocks, shape (n_rocks,)."""
+    """Return the mean over reaches of gaps less that of all rocks, shape (n_rocks,)."""
     return mean_of_draws(gaps - np.nanmean(gaps, axis=0), least=1)
 
 
 def standardised(values: FloatArray) -> FloatArray:
-    """Less their mean, over their scatter; zero without any."""
+    """Return less their mean, over their scatter; zero without any."""
     spread = float(np.nanstd(values))
     return (values - np.nanmean(values)) / spread if spread > 0.0 else 0.0 * values
 
 
 def sizes(residuals: ResidualTable) -> FloatArray:
-    """Sizes of the rocks, standardised, shape (n_rocks,)."""
+    """Return sizes of the rocks, standardised, shape (n_rocks,)."""
     return standardised(np.log(residuals.run.radius_m))
 
 
 def station_offsets(case: Case, residuals: ResidualTable, least: int = 2) -> FloatArray:
-    """Observed lateral offsets at stations (m), shape (n_rocks, n_stations), ``least`` or more."""
+    """Return lateral offsets at stations (m), shape (n_rocks, n_stations), ``least`` or more."""
     if len(case.station_names) < least:
         raise Unseen
     rows = residuals.steps.of("run", "lateral_m")
@@ -413,17 +421,17 @@ def station_offsets(case: Case, residuals: ResidualTable, least: int = 2) -> Flo
 
 
 def usual_offset(case: Case) -> float:
-    """Mean size of offsets (m) that errors make, were they larger than stated."""
+    """Return the mean size of offsets (m) that errors make, were they larger than stated."""
     error = max(side_error(case), side_error(case, stop=True))
     return math.sqrt(2.0 / math.pi) * (1.0 + MISSTATED) * error
 
 
 def base_size(draws: FloatArray) -> FloatArray:
-    """Mean size of what the base makes, shape (n_rocks,); 0 in the plane of a fall line."""
+    """Return mean size of what the base makes, shape (n_rocks,); 0 in the plane of a fall line."""
     return np.nan_to_num(mean_of_draws(np.abs(draws), least=1))
 
 
 def known_mean(values: FloatArray) -> float:
-    """Mean of what is known; NaN where nothing is."""
+    """Return the mean of what is known; NaN where nothing is."""
     known = values[np.isfinite(values)]
     return float(known.mean()) if known.size else math.nan

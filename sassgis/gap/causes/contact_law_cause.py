@@ -25,7 +25,7 @@ _HALVED_AT_MPS = 9.144
 
 
 def _draw(case: Case, draws: ParameterDraws) -> CausePart:
-    """Freedom of the contact beyond calibration.
+    """Return freedom of the contact beyond calibration.
 
     Where contacts were recorded, it is as they have it (``learned_contacts``), and rolling is
     shifted alike for all classes. Else there is one shift of all parameters, in wide ranges:

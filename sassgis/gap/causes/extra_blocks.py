@@ -1,9 +1,9 @@
-"""Causes that leave extra blocks: fragmentation and entrainment, told by the masses that lie.
+"""Causes that leave extra blocks: fragmentation and entrainment, known by the masses that lie.
 
 Rocks and blocks are ranked by mass, whatever they are called. Where rocks broke the blocks of their
 ranks are too light, and what they lack lies in blocks beyond the number of rocks. Where blocks were
-entrained there is more mass than came down. The null is that of the errors of the masses alone.
-Rocks that nobody found may have broken or have left: unless what lies beside the others makes up
+entrained there is more mass than came down. The null is that of only the errors of the masses.
+Rocks that nobody found may have broken or have left: unless what lies next to the others makes up
 for them, both are possible. Pieces that bear the name of their rock show that it broke.
 """
 
@@ -49,16 +49,16 @@ _MASS_BUDGET = (
 _LEAST_MASS_ERROR, _LEAST_MASS, _MASS_DRAWS = 0.02, 0.004, 200
 #: Share of the median rock up to which a block is a chip, which says nothing.
 _CHIP = 0.01
-#: Chance that a block bears the name of a rock as its piece and is none.
+#: Chance that a block bears the name of a rock as its fragment and is none.
 _MISNAMED = 0.005
-#: Share of the rocks that a survey may miss, and whole rocks that tell the scatter of masses.
+#: Share of the rocks that a survey may miss, and whole rocks that show the scatter of masses.
 _FEW_LOST, _KNOWN = 0.1, 10
-#: Share of the rocks that nobody found which must lie in pieces, for these to be theirs.
+#: Share of the rocks that nobody found which must lie in fragments, for these to be theirs.
 _MADE_UP = 0.75
 
 
 def _mass_scores(which: int) -> Scoring:
-    """What of the budget is scored: 0, missing and lying in pieces; 1, in addition."""
+    """Score the budget: 0, missing and lying in fragments; 1, in addition."""
 
     def scores(case: Case, residuals: ResidualTable) -> Scores:
         blocks, rocks = deposit_masses_kg(case.observations), case.mass_kg
@@ -69,7 +69,7 @@ def _mass_scores(which: int) -> Scoring:
         unexplained = _unexplained(case, left)
         many_lost = _has_nameless(case) and unexplained.mean() > _FEW_LOST
         either = many_lost or (which == 1 and _may_be_either(case))
-        # What lies beside the others may be in addition as well as theirs. Where it may be either,
+        # What lies next to the others may be in addition as well as theirs. Where it may be either,
         # neither is surer than the other.
         of_rocks = {1: rocks[~(left | unexplained)], 0: rocks[~left]}
         found = [_score(k, of_rocks[k], blocks, error) for k in of_rocks if either or k == which]
@@ -79,7 +79,7 @@ def _mass_scores(which: int) -> Scoring:
 
 
 def _scatter(case: Case) -> float:
-    """Relative scatter of the mass of a whole rock as it lies about that as it was released.
+    """Return relative scatter of the mass of a whole rock as it lies about that as it was released.
 
     As it is seen where rocks lie under their names, else from the stated error of a mass.
     """
@@ -95,7 +95,7 @@ def _scatter(case: Case) -> float:
 
 
 def _score(which: int, rocks: FloatArray, blocks: FloatArray, error: float) -> Scores:
-    """The budget of some rocks and blocks against what the scatter of masses makes of it."""
+    """Return the budget of some rocks and blocks against what the scatter of masses makes of it."""
     if rocks.size < LEAST:
         raise Unseen
     rng = np.random.default_rng(1986)
@@ -112,9 +112,9 @@ def _score(which: int, rocks: FloatArray, blocks: FloatArray, error: float) -> S
 
 
 def _may_be_either(case: Case) -> bool:
-    """Whether blocks without a name may as well be pieces of rocks that nobody found.
+    """Return whether blocks without a name may as well be fragments of rocks that nobody found.
 
-    All rocks but a few lie under their names, and no piece bears the name of its rock.
+    All rocks but a few lie under their names, and no fragment bears the name of its rock.
     """
     seen = case.observations
     lost = float(_not_found(case).mean())
@@ -123,17 +123,20 @@ def _may_be_either(case: Case) -> bool:
 
 
 def _has_nameless(case: Case) -> bool:
-    """Whether a block lies that bears no name of a rock."""
+    """Return whether a block lies that bears no name of a rock."""
     return bool((case.observations.rock_of("deposits") < 0).any())
 
 
 def _not_found(case: Case) -> NDArray[np.bool_]:
-    """Rocks of which nothing lies under their name."""
+    """Return rocks of which nothing lies under their name."""
     return ~np.isin(np.arange(case.n_rocks), case.observations.rock_of("deposits"))
 
 
 def _gone(case: Case) -> NDArray[np.bool_]:
-    """Rocks that passed the last station whole and do not lie: they left the surveyed ground."""
+    """Return rocks that passed the last station whole and do not lie.
+
+    They left the surveyed ground.
+    """
     gone = np.zeros(case.n_rocks, bool)
     seen = case.observations
     if not case.station_names or not len(seen.passages):
@@ -144,7 +147,7 @@ def _gone(case: Case) -> NDArray[np.bool_]:
     with np.errstate(invalid="ignore", divide="ignore"):
         same = np.abs(np.log(mass / case.mass_kg[np.maximum(rock, 0)])) < tolerance
     gone[rock[(rock >= 0) & (same | ~np.isfinite(mass))]] = True
-    # Of one that broke below the station its pieces lie.
+    # Of one that broke below the station its fragments lie.
     owner, lying = seen.rock_of("deposits"), deposit_masses_kg(seen)
     own = owner >= 0
     found = np.bincount(owner[own], lying[own], minlength=case.n_rocks)
@@ -159,9 +162,9 @@ def _gone(case: Case) -> NDArray[np.bool_]:
 
 
 def _unexplained(case: Case, left: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """Rocks that nobody found though they are not known to have left, unless pieces lie for them.
+    """List rocks not found and not known to have left, unless fragments lie for them.
 
-    Where pieces bear the names of their rocks they do; else what has no name must weigh as much.
+    Where fragments bear the names of their rocks they do; else what has no name must weigh as much.
     """
     seen = case.observations
     owner = seen.rock_of("deposits")
@@ -172,7 +175,7 @@ def _unexplained(case: Case, left: NDArray[np.bool_]) -> NDArray[np.bool_]:
 
 
 def mass_budget(rocks: FloatArray, blocks: FloatArray) -> tuple[float, float]:
-    """Shares of the released mass that are missing and lie in pieces, and that came in addition.
+    """Compute shares of the released mass that are missing, in fragments, and additional.
 
     ``rocks``, ``blocks``: masses (kg), in any order.
     """
@@ -183,7 +186,7 @@ def mass_budget(rocks: FloatArray, blocks: FloatArray) -> tuple[float, float]:
     lacking = float(np.maximum(released - lying[:n], 0.0).sum())
     more = float(blocks.sum()) - total
     # Of rocks that were not found the ranks lack as much as all blocks together. Five chips of a
-    # kilogram are no pieces of them.
+    # kilogram are no fragments of them.
     broken = max(lacking - max(-more, 0.0), min(lacking, float(lying[n:].sum())))
     return broken / total, more / total
 
@@ -209,13 +212,13 @@ def _broken(case: Case, draws: ParameterDraws) -> CausePart:
     form, values = _FRAGMENTATION.drawn("fragmentation", draws)
     if "pieces" in values:
         values["pieces"] = int(values["pieces"])
-    # Smaller pieces are not looked for in the field, and there would be very many of them.
+    # Smaller fragments are not looked for in the field, and there would be very many of them.
     smallest = rounded(0.03 * 4.0 / 3.0 * math.pi * float(np.median(case.radius_m)) ** 3)
     return part_of(Fragmentation, form, values, smallest_m3=smallest)
 
 
 def _named_pieces(case: Case, residuals: ResidualTable) -> Scores:
-    """Rocks of which blocks lie that bear their name as pieces (R7.2 of R7)."""
+    """Return rocks of which blocks lie that bear their name as fragments (R7.2 of R7)."""
     seen = case.observations
     if not len(seen.deposits):
         raise Unseen

@@ -75,7 +75,7 @@ def _turn(case: Case, residuals: ResidualTable) -> Scores:
 
 
 def _growth(case: Case, residuals: ResidualTable) -> Scores:
-    """From the first station to all others and to the stop, beyond that of the simulated rocks.
+    """Return the growth from the first station to the others and the stop beyond the simulated one.
 
     And beyond what blocks with edges do by themselves.
     """

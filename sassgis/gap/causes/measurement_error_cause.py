@@ -41,7 +41,7 @@ _LAG_S, _FAST_MPS = 0.5, 5.0
 #: errors of a coordinate.
 _NEAR_S, _FAR_ERRORS = 0.15, 8.0
 #: Scale of speeds that is within what instruments state, and least fall on the flights of a rock
-#: that tells it (m).
+#: that shows it (m).
 _SCALE_USUAL, _LEAST_FALL_M = 1.05, 2.0
 #: Product of neighbouring residuals that restarts from slightly wrong states make.
 _MADE_UP = 0.1
@@ -85,7 +85,10 @@ def _draw(case: Case, draws: ParameterDraws) -> CausePart:
 
 
 def _measured(prints: Mapping[str, tuple[float, float]]) -> Mapping[str, float]:
-    """The scale of speeds, if a fingerprint of it is seen: what fits the motion says less of it."""
+    """Return the scale of speeds, if a fingerprint of it is seen.
+
+    What fits the motion says less of it.
+    """
     for name in (_IN_TIME, _PASSING, _AGAINST_FALLS):
         z, scale = prints.get(name, (0.0, 1.0))
         if z >= PRINTED and scale > 0.0 and abs(math.log(scale)) < _LOG_SCALE:
@@ -95,7 +98,9 @@ def _measured(prints: Mapping[str, tuple[float, float]]) -> Mapping[str, float]:
 
 
 def _speed_ratios(case: Case) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Speeds as stated over those from positions and times, of each rock: log, usual scatter.
+    """Return speeds as stated over those from positions and times, of each rock.
+
+    They are logarithms with their usual scatter.
 
     And how much of it is the correction of distances for errors of position.
     """
@@ -125,13 +130,13 @@ def _speed_ratios(case: Case) -> tuple[FloatArray, FloatArray, FloatArray]:
 
 
 def _without_errors(distance: FloatArray, position_m: float) -> FloatArray:
-    """Distances of points with errors, which are too long by them (m)."""
+    """Return distances of points with errors, which are too long by them (m)."""
     cleaned: FloatArray = np.sqrt(np.maximum(distance**2 - 4.0 * position_m**2, 1e-6))
     return cleaned
 
 
 def _scaled(ratio: FloatArray, corrected: FloatArray) -> Scores:
-    """A scale from the logarithms of speeds over those of paths, and of their corrections."""
+    """Return scale from the logarithms of speeds over those of paths, and of their corrections."""
     middle = float(np.nanmedian(ratio))
     # The correction goes with the square of an error that may be stated wrongly.
     room = (_SCALE_USUAL - 1.0) + ((1.0 + MISSTATED) ** 2 - 1.0) * corrected
@@ -144,7 +149,7 @@ def _all_alike(case: Case, residuals: ResidualTable) -> Scores:
 
 
 def _passing(case: Case, residuals: ResidualTable) -> Scores:
-    """Speeds at stations over distances in time there, the mean of each rock."""
+    """Return speeds at stations over distances in time there, the mean of each rock."""
     seen, track = case.observations, case.observations.trajectories
     speed, rock, station = seen.passages.speed_mps, seen.whole_of("passages"), case.passed_station
     along, error = case.projected["trajectories"].s, errors_of(case).position_m
@@ -173,7 +178,9 @@ def _passing(case: Case, residuals: ResidualTable) -> Scores:
 
 
 def _against_falls(case: Case, residuals: ResidualTable) -> Scores:
-    """Energy gained between two contacts over that which gravity gives: the square of the scale.
+    """Return energy gained between two contacts over that which gravity gives.
+
+    This is the square of the scale.
 
     Air, stems and contacts that were missed take energy: only a scale above 1 is certain.
     """
@@ -199,7 +206,7 @@ def _each_its_own(case: Case, residuals: ResidualTable) -> Scores:
 
 
 def _made_up(case: Case, residuals: ResidualTable) -> Scores:
-    """An error of the measurement at a station is one of the start of the next reach as well."""
+    """Test for errors at a station, which are errors of the start of the next reach as well."""
     gaps = gaps_by_reach(residuals, "speed_mps")
     pairs = [pair for pair in pairwise(case.reaches) if gaps.keys() >= {*pair}]
     if not pairs:
@@ -210,7 +217,7 @@ def _made_up(case: Case, residuals: ResidualTable) -> Scores:
 
 
 def _aside(case: Case, residuals: ResidualTable) -> Scores:
-    """Offset of stops where the rock was on its fall line shortly before."""
+    """Return the offset of stops where the rock was on its fall line shortly before."""
     rows = residuals.steps.of("stop", "lateral_m")
     at = station_offsets(case, residuals, 1)
     passed = np.isfinite(at[rows.rock])

@@ -61,9 +61,9 @@ def _draw(case: Case, draws: ParameterDraws) -> CausePart:
 
 
 def _position_error(case: Case, paths: Mapping[int, IntArray]) -> float:
-    """Standard error of a coordinate (m), as stated or, if more, as paths in time scatter.
+    """Return standard error of a coordinate (m), as stated or, if more, as paths in time scatter.
 
-    Third differences of a flight are those of the errors alone, with variance 20 σ².
+    Third differences of a flight are those of only the errors, with variance 20 σ².
     """
     track = case.observations.trajectories
     jumps = [np.abs(np.diff(getattr(track, c)[rows], n=3)) for rows in paths.values() for c in "xy"]
@@ -73,7 +73,7 @@ def _position_error(case: Case, paths: Mapping[int, IntArray]) -> float:
 
 
 def _first_point(case: Case, residuals: ResidualTable) -> Scores:
-    """Where a rock is at first, against where it is said to have been released."""
+    """Compare the first place of a rock with its stated place of release."""
     rocks, track = case.observations.rocks, case.observations.trajectories
     names = case.observations.rock_names
     place = {name: i for i, name in enumerate(rocks.rock_id.tolist())}
@@ -89,7 +89,7 @@ def _first_point(case: Case, residuals: ResidualTable) -> Scores:
             )
     error = _position_error(case, paths)
     usual = _MORE * error * math.sqrt(0.5 * math.pi) + _STATED_M
-    # One whose film begins below the start, with a clock of its own, says nothing.
+    # One whose film begins below the start, with a separate clock, says nothing.
     slope = _first_slope(case)
     far = np.flatnonzero(off > usual).tolist()
     late = [rock for rock in far if _came_down(case, paths[rock], slope * off[rock], error)]
@@ -103,7 +103,7 @@ def _first_point(case: Case, residuals: ResidualTable) -> Scores:
 
 
 def _came_down(case: Case, rows: IntArray, fell_m: float, error_m: float) -> bool:
-    """Whether a rock has more than a tenth of the energy of a fall where its path begins."""
+    """Return whether a rock has more than a tenth of the energy of a fall where its path begins."""
     track = case.observations.trajectories
     first = rows[0]
     last = rows[track.t_s[rows] <= track.t_s[first] + _FIRST_S][-1]
@@ -116,7 +116,7 @@ def _came_down(case: Case, rows: IntArray, fell_m: float, error_m: float) -> boo
 
 
 def _first_slope(case: Case) -> float:
-    """Fall over plan length below the starts, mean of the fall lines."""
+    """Return fall over plan length below the starts, mean of the fall lines."""
     found = []
     for line in np.unique(case.line[case.line >= 0]).tolist():
         s, z = case.profiles.vertices(line)
@@ -126,7 +126,7 @@ def _first_slope(case: Case) -> float:
 
 
 def _first_contact(case: Case, residuals: ResidualTable) -> Scores:
-    """Where a rock first touches the ground, up or down the slope from where the model does."""
+    """Find where a rock first touches the ground, up or down the slope from the model's."""
     rows = residuals.steps.of("start", "chainage_m")
     if len(rows) < LEAST:
         raise Unseen
@@ -140,7 +140,7 @@ def _first_contact(case: Case, residuals: ResidualTable) -> Scores:
 
 
 def _contact_above_start(case: Case, residuals: ResidualTable) -> Scores:
-    """How far above its stated start a rock touched the ground at the highest."""
+    """Measure how far above its stated start a rock touched the ground at the highest."""
     over = above_release_m(case.observations, case.grid)
     rock = case.observations.rock_of("impacts")
     highest = np.full(case.n_rocks, -np.inf)

@@ -40,7 +40,7 @@ def _rebound(case: Case, residuals: ResidualTable) -> Scores:
 
 
 def _slow_and_early(case: Case, residuals: ResidualTable) -> Scores:
-    """Stops alone say nothing of the shape: flat rocks also start or break otherwise."""
+    """Return nothing from stops only: flat rocks also start or break otherwise."""
     gaps = [reach_gaps(residuals, "speed_mps")]
     with suppress(Unseen):
         gaps.append(reach_gaps(residuals, "runout_m"))

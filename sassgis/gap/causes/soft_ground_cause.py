@@ -1,4 +1,4 @@
-"""Soft ground as a cause: rebound lost with the normal speed, on one ground alone."""
+"""Soft ground as a cause: rebound lost with the normal speed, on only one ground."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ def _draw(case: Case, draws: ParameterDraws) -> CausePart:
 
 
 def _on_one_ground(case: Case, residuals: ResidualTable) -> Scores:
-    """The yielding ground on which the loss is surest."""
+    """Return the yielding ground on which the loss is surest."""
     rows, z = contact_gaps(residuals, "normal_speed_mps")
     lost = []
     for k in np.unique(rows.ground).tolist():

@@ -66,7 +66,7 @@ _SEEM_STRUCK_AT_CONTACTS = 0.01
 
 
 def _length(case: Case) -> float:
-    """How far rocks come: the furthest that was observed, or the shortest line (m)."""
+    """Return the furthest run-out observed, or the length of the shortest line (m)."""
     ends = case.profiles.s[case.profiles.offset[1:] - 1]
     seen = [
         float(np.nanmax(put.s))
@@ -98,7 +98,7 @@ def _draw(case: Case, draws: ParameterDraws) -> CausePart:
 
 
 def _in_the_stand(case: Case, models: Sequence[HypothesisModel]) -> tuple[str, ...]:
-    """Reaches with the stand of fitted models."""
+    """Return reaches with the stand of fitted models."""
     stands = [model.stand for model in models if model.stand is not None]
     if not stands:
         return case.reaches
@@ -108,7 +108,7 @@ def _in_the_stand(case: Case, models: Sequence[HypothesisModel]) -> tuple[str, .
 
 
 def _on_few_flights(case: Case, residuals: ResidualTable) -> Scores:
-    """More often than on flights of the base, which contacts that are not recorded cut as well."""
+    """Test losses against flights of the base, which unrecorded contacts cut as well."""
     error = errors_of(case).position_m
     rows, loss, usual = loss_of_flights(_above_ground(residuals.steps.of("flight", _ENERGY), error))
     struck, chance = _struck(rows, loss, usual), _SEEM_STRUCK_AT_CONTACTS
@@ -120,13 +120,13 @@ def _on_few_flights(case: Case, residuals: ResidualTable) -> Scores:
 
 
 def _above_ground(rows: StepTable, error_m: float) -> StepTable:
-    """Flights on which what was struck stood above the ground."""
+    """Return flights on which what was struck stood above the ground."""
     least = np.maximum(_CLEAR_RADII * rows.radius_m, _CLEAR_M)
     return rows.where((rows.clear_m > least + 2.0 * error_m) & (rows.reach < _FREE))
 
 
 def _struck(rows: StepTable, loss: FloatArray, usual: FloatArray) -> NDArray[np.bool_]:
-    """Whether flights lost so much that something was struck."""
+    """Return whether flights lost so much that something was struck."""
     share = loss / np.maximum(rows.predicted, 1.0)
     middle = float(np.median(usual))
     # Stated errors may be too small: what flights scatter by themselves counts as well.
@@ -135,7 +135,7 @@ def _struck(rows: StepTable, loss: FloatArray, usual: FloatArray) -> NDArray[np.
 
 
 def _above_the_ground(case: Case, residuals: ResidualTable) -> Scores:
-    """Speed lost where no impulse of the ground can have taken it, along a stretch of the way."""
+    """Return the speed lost along a stretch where no impulse of the ground can have taken it."""
     rows = residuals.steps.of("aloft", "speed_mps")
     if len(rows) < 2 * LEAST or losses_at_one_place(residuals) is not None:
         raise Unseen
@@ -145,13 +145,13 @@ def _above_the_ground(case: Case, residuals: ResidualTable) -> Scores:
 
 
 def _struck_aloft(rows: StepTable) -> NDArray[np.bool_]:
-    """Whether paths in time lost so much above the ground that something was struck."""
+    """Return whether paths in time lost so much above the ground that something was struck."""
     lost = 1.0 - rows.observed / rows.predicted
     return (lost > _LOST_SHARE) & (-rows.z > _LOST_SD)
 
 
 def losses_at_one_place(residuals: ResidualTable) -> tuple[int, float] | None:
-    """Paths in time that lose speed above the ground all at one place, and its chainage (m).
+    """Return paths in time that lose speed above the ground all at one place, and its chainage (m).
 
     A step that the terrain model lacks, or something built, and no trees; None where they do so at
     several places, or hardly any does.
@@ -164,7 +164,7 @@ def losses_at_one_place(residuals: ResidualTable) -> tuple[int, float] | None:
 
 
 def _on_one_reach(case: Case, residuals: ResidualTable) -> Scores:
-    """The reach with the surest loss; on the first one it would be an error of the release."""
+    """Return reach with the surest loss; on the first one it would be an error of the release."""
     wrong = wrong_on_one(residuals, sign=-1.0)
     lost = [own for place, own in wrong.items() if place != case.reaches[0]]
     surest = max(lost, key=lambda one: float(np.nan_to_num(t_statistics(one)[0])))

@@ -1,9 +1,9 @@
-"""Calibrate ground classes on prepared sites, and tell their spread between sites.
+"""Calibrate ground classes on prepared sites, and estimate their spread between sites.
 
 The spread by random effects: the value of a class at a site is normal about a mean with a standard
-deviation between sites, and the calibration of the site has an error of its own. The mean has a
+deviation between sites, and the calibration of the site has a separate error. The mean has a
 flat prior, the standard deviation a half-normal one, with the spread that was assumed before as its
-scale: two sites alone hardly tell it (Gelman 2006; Röver 2020).
+scale: two sites by themselves hardly show it (Gelman 2006; Röver 2020).
 """
 
 from __future__ import annotations
@@ -108,7 +108,7 @@ class CalibrationTask:
         )
 
     def model(self, site: SiteData, shares: FloatArray) -> HypothesisModel:
-        """A site as configured, with parameters at shares of their ranges."""
+        """Return a site as configured, with parameters at shares of their ranges."""
         return configured_model(site.case, table_with(site.case.table, self.parameters, shares))
 
 
@@ -119,7 +119,10 @@ def calibration_task(
     rules: Sequence[RangeRule],
     seed: int,
 ) -> CalibrationTask:
-    """The parameters of some classes at some sites; ``rules`` say how values vary between sites."""
+    """Return the parameters of some classes at some sites.
+
+    ``rules`` say how values vary between sites.
+    """
     parameters: list[ClassParameter] = []
     for own in class_names:
         table = next(s.case.table for s in sites if own in s.case.table.names)
@@ -128,13 +131,13 @@ def calibration_task(
 
 
 def budget_of(task: CalibrationTask, draws: int | None) -> FitBudget:
-    """Draws of each round; default: 4 for each parameter, at least 32."""
+    """Return draws of each round; default: 4 for each parameter, at least 32."""
     own = draws or max(_DRAWS, _EACH * len(task.parameters))
     return FitBudget(_ROUNDS, own, COUNT, _LOOKED, _LIMIT, _LAST * own)
 
 
 def run_trial(task: CalibrationTask, trial: Trial) -> Seen:
-    """Numbers of all sites, one after the other, and the mean score of the rocks."""
+    """Return numbers of all sites, one after the other, and the mean score of the rocks."""
     shares = Prior.of(task.parameters).shares(trial.at)
     numbers, scores = [], []
     for site in task.summaries:
@@ -151,7 +154,7 @@ RunSites = Callable[[Sequence[SiteAt]], Sequence[Misfits]]
 
 
 def run_site(task: CalibrationTask, at: SiteAt) -> Misfits:
-    """Observed less simulated numbers of a site at some parameters."""
+    """Return observed less simulated numbers of a site at some parameters."""
     site = task.summaries[at[0]]
     problem = site.problem
     parts = np.arange(task.n_parts)[:, None]
@@ -164,7 +167,7 @@ def run_site(task: CalibrationTask, at: SiteAt) -> Misfits:
 
 @dataclass(frozen=True, slots=True)
 class Calibrated:
-    """What was found, and what follows from it."""
+    """Result of a calibration, and what follows from it."""
 
     told: tuple[Told, ...]  # by site
     posterior: Posterior
@@ -177,7 +180,7 @@ def search(
 ) -> Calibrated:
     """Calibrate the classes of all sites together.
 
-    The prior alone keeps parameters near their configured values: rocks left out are predicted with
+    Only the prior keeps parameters near their configured values: rocks left out are predicted with
     parameters that were chosen in the same way.
     """
     budget, prior = budget_of(task, draws), Prior.of(task.parameters)
@@ -198,7 +201,7 @@ class FinalTask:
 
 
 def final_prediction(task: CalibrationTask, final: FinalTask) -> Prediction:
-    """Prediction of the rocks of a site."""
+    """Predict the rocks of a site."""
     site = task.sites[final.site]
     model = configured_model(site.case) if final.shares is None else task.model(site, final.shares)
     return prediction(site, model, final.number, FINAL_COUNT)
@@ -208,7 +211,7 @@ RunFinals = Callable[[Sequence[FinalTask]], Sequence[Prediction]]
 
 
 def held_out(task: CalibrationTask, found: Calibrated, run: RunFinals) -> list[Prediction]:
-    """Prediction of each rock with parameters chosen on the rocks of the other parts, by site."""
+    """Predict each rock with parameters chosen on the rocks of the other parts, by site."""
     whole, prior = together(found.told), Prior.of(task.parameters)
     tasks = []
     for part in range(task.n_parts):
@@ -246,13 +249,13 @@ class SiteResult:
 
 @dataclass(frozen=True, slots=True)
 class SiteCalibration:
-    """What a calibration found."""
+    """Result of a calibration at sites."""
 
     fitted: tuple[Fitted, ...]
     combinations: int  # of parameters that are identified
     trade_offs: tuple[TradeOff, ...]
     as_good: tuple[Mapping[str, float], ...]  # other combinations that fit as well, by label
-    alike: tuple[tuple[str, str], ...]  # pairs of classes that cannot be told apart
+    alike: tuple[tuple[str, str], ...]  # pairs of classes that cannot be distinguished
     sites: tuple[SiteResult, ...]
     contradict: bool  # whether no common parameters fit the sites
     #: Of the score over all sites, on rocks left out, as a share of the score before.
@@ -289,13 +292,13 @@ class SiteCalibration:
         return phrase("Keep the configured ground. The gain may be chance: {}.", of_gain)
 
     def table(self, configured: GroundTable) -> GroundTable:
-        """A table with the calibrated values."""
+        """Return a table with the calibrated values."""
         shares = np.array([f.share for f in self.fitted])
         return table_with(configured, [f.parameter for f in self.fitted], shares)
 
 
 def result_of(task: CalibrationTask, found: Calibrated, run: RunFinals) -> SiteCalibration:
-    """What the search says, and how well it fits rocks left out."""
+    """Return the result of the search, and how well it fits rocks left out."""
     posterior, parameters = found.posterior, task.parameters
     prior = Prior.of(parameters)
     own = [prior.shares(told.estimate()[0]) for told in found.told]
@@ -350,7 +353,7 @@ def result_of(task: CalibrationTask, found: Calibrated, run: RunFinals) -> SiteC
 
 
 def _of_units(site: SiteData, predicted: Prediction) -> FloatArray:
-    """Score of each unit, added over the tables."""
+    """Return the score of each unit, added over the tables."""
     return site.per_unit(added(predicted.scores))
 
 
@@ -364,7 +367,7 @@ def _by_label(parameters: Sequence[ClassParameter], shares: FloatArray) -> dict[
 #: prior scales.
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(100)
 _END = 6.0
-#: Precision of the prior where the rocks of a site speak alone, and samples of what they leave.
+#: Precision of the prior where the rocks of a site speak, and samples of what they leave.
 _NO_PRIOR, _SAMPLES = 1e-3, 2000
 #: Least error, as a share of the range: a value that is always at a limit is not known exactly.
 _LEAST_ERROR = 0.02
@@ -374,7 +377,7 @@ _MIDDLE = 1.645
 
 @dataclass(frozen=True, slots=True)
 class SiteValue:
-    """A parameter of a class as the rocks of one site alone tell it."""
+    """A parameter of a class as the rocks of one single site identify it."""
 
     site: str
     class_name: str  # or another name of the description that sites share
@@ -395,7 +398,7 @@ class BetweenSites:
 
 
 def between_sites(values: FloatArray, errors: FloatArray, scale: float) -> BetweenSites:
-    """Posterior of mean and spread by quadrature.
+    """Return the posterior of mean and spread by quadrature.
 
     Parameters
     ----------
@@ -414,7 +417,7 @@ def between_sites(values: FloatArray, errors: FloatArray, scale: float) -> Betwe
             found=f"{values.size} values, errors {errors.tolist()}, scale {scale:g}",
             expected="one value or more; errors and scale above 0",
         )
-    # Denser towards 0, where a spread below the errors is told.
+    # Denser towards 0, where a spread below the errors is reported.
     root = 0.5 * (_NODES + 1.0)
     tau = _END * scale * root**2
     weight = 1.0 / (errors**2 + tau[:, None] ** 2)
@@ -436,7 +439,7 @@ def between_sites(values: FloatArray, errors: FloatArray, scale: float) -> Betwe
 def class_spread(
     found: Sequence[SiteValue], known: Sequence[ParameterRange]
 ) -> tuple[RangeRule, ...]:
-    """Rows of a table of ranges: the middle 90 % of what a new site may have.
+    """Return rows of a table of ranges: the middle 90 % of what a new site may have.
 
     ``known``: what was assumed before; parameters without such a range are left out.
     """
@@ -470,7 +473,7 @@ def class_spread(
 def spread_of_sites(
     task: CalibrationTask, found: Calibrated, rules: Sequence[RangeRule]
 ) -> tuple[RangeRule, ...]:
-    """What class_spread says of the calibrated classes; ``rules`` are those from before."""
+    """Return class_spread of the calibrated classes; ``rules`` are those from before."""
     tables = {name: site.case.table for site in task.sites for name in site.case.table.names}
     known = [
         own
@@ -481,9 +484,9 @@ def spread_of_sites(
 
 
 def site_values(task: CalibrationTask, found: Calibrated) -> tuple[SiteValue, ...]:
-    """Values that the rocks of each site alone leave, and their standard errors.
+    """Return values that the rocks of each single site leave, and their standard errors.
 
-    What the rocks do not tell scatters over its range.
+    What the rocks do not identify scatters over its range.
     """
     prior, out = Prior.of(task.parameters), []
     for k, (site, told) in enumerate(zip(task.sites, found.told, strict=True)):

@@ -43,7 +43,7 @@ def _rows_by_rock(rock: IntArray) -> list[IntArray]:
 
 
 def bootstrap_rows(rock: IntArray, draws: int, rng: np.random.Generator) -> Iterator[IntArray]:
-    """Rows of bootstrap samples in which whole rocks are drawn with replacement.
+    """Yield rows of bootstrap samples in which whole rocks are drawn with replacement.
 
     A rock drawn twice brings its rows twice. ``rock``: of each row, shape (n,).
     """
@@ -53,7 +53,7 @@ def bootstrap_rows(rock: IntArray, draws: int, rng: np.random.Generator) -> Iter
 
 
 def times_drawn(unit: IntArray, rng: np.random.Generator, samples: int) -> FloatArray:
-    """How often each rock is in bootstrap samples of units, shape (samples, n_rocks).
+    """Count how often each rock is in bootstrap samples of units, shape (samples, n_rocks).
 
     ``unit``: of each rock, shape (n_rocks,), numbered from 0.
     """
@@ -63,7 +63,7 @@ def times_drawn(unit: IntArray, rng: np.random.Generator, samples: int) -> Float
 
 
 def folds_of(group: IntArray, seed: int) -> IntArray:
-    """Part of each rock for cross-validation, shape (n_rocks,).
+    """Return the part of each rock for cross-validation, shape (n_rocks,).
 
     Rocks of a ``group`` (block, day, source; shape (n_rocks,)) come into the same part. A single
     group is split.
@@ -93,7 +93,7 @@ class Interval:
 
 
 def quantiles_of(values: FloatArray, shares: Sequence[float]) -> FloatArray:
-    """As ``numpy.quantile`` of few values, in a tenth of its time; NaN of none."""
+    """Compute ``numpy.quantile`` of few values, in a tenth of its time; NaN of none."""
     known = np.sort(values)
     if not known.size:
         return np.full(len(shares), np.nan)
@@ -108,7 +108,7 @@ def bootstrap_interval(
     rng: np.random.Generator,
     method: Literal["percentile", "BCa"] = "BCa",
 ) -> Interval:
-    """95 % interval of a statistic by resampling rocks (``scipy.stats.bootstrap``).
+    """Return 95 % interval of a statistic by resampling rocks (``scipy.stats.bootstrap``).
 
     What is resampled are the numbers of the rocks; each brings all its rows.
 
@@ -147,7 +147,7 @@ def bootstrap_interval(
 
 
 def mean_interval(values: FloatArray) -> Interval:
-    """Student's 95 % interval of the mean of independent values; NaN of fewer than two."""
+    """Return Student's 95 % interval of the mean of independent values; NaN of fewer than two."""
     if values.size < 2:
         return Interval(math.nan, math.nan, math.nan)
     mean = float(values.mean())
@@ -157,7 +157,7 @@ def mean_interval(values: FloatArray) -> Interval:
 
 
 def energy_scores(observed: FloatArray, replicas: NDArray[np.floating]) -> FloatArray:
-    """Energy score of each observation against its own replicas: E|Y − y| − ½ E|Y − Y'|.
+    """Return energy score of each observation against its replicas: E|Y − y| − ½ E|Y − Y'|.
 
     Strictly proper: it is smallest, in the mean, for the distribution that nature draws from
     (T. Gneiting and A. E. Raftery, 2007, Strictly proper scoring rules, prediction, and estimation,
@@ -172,12 +172,12 @@ def energy_scores(observed: FloatArray, replicas: NDArray[np.floating]) -> Float
         In units that count alike; NaN where not measured: left out, distances are stretched.
     replicas : float, shape (m, n, p)
         One that lacks a quantity of the observation is left out: encode what did not happen as a
-        coordinate of its own first.
+        separate coordinate first.
 
     Returns
     -------
     float64, shape (n,)
-        NaN where nothing was measured or fewer than two replicas are left.
+        NaN where nothing was measured or fewer than two replicas remain.
     """
     known = np.isfinite(observed)
     seen = np.where(known, observed, 0.0)
@@ -215,7 +215,7 @@ class RockDistances:
 
     @classmethod
     def of(cls, observed: FloatArray, replicas: FloatArray) -> RockDistances:
-        """Distances of rows of rocks, shapes (n_rocks, p) and (m, n_rocks, p), m of two or more."""
+        """Compute distances of rows of rocks, shapes (n_rocks, p) and (m, n_rocks, p), m >= 2."""
         m, n = replicas.shape[:2]
         across = np.mean([cdist(observed, one) for one in replicas], axis=0)
         among = np.zeros((n, n))
@@ -237,18 +237,18 @@ class RockDistances:
         return cls(pairs, np.array(floors))
 
     def value(self, weights: FloatArray | None = None) -> float:
-        """The distance, unbiased; with weights of the rocks."""
+        """Return the distance, unbiased; with weights of the rocks."""
         n = len(self.pairs)
         own = np.full(n, 1.0 / n) if weights is None else weights / weights.sum()
         return float(own @ self.pairs @ own / (1.0 - own @ own))
 
     def drawn(self, weights: FloatArray) -> FloatArray:
-        """Distances in samples of the rocks, from weights of shape (samples, n_rocks)."""
+        """Return distances in samples of the rocks, from weights of shape (samples, n_rocks)."""
         return np.array([self.value(own) for own in weights])
 
     @property
     def floor(self) -> float:
-        """What chance leaves: the mean distance of a replica from the others, near zero."""
+        """Distance by chance: the mean distance of a replica from the others, near zero."""
         return float(self.floors.mean())
 
     @property

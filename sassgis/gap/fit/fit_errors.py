@@ -45,7 +45,7 @@ class QuantityErrors:
 
 @dataclass(frozen=True, slots=True)
 class TableScore:
-    """What one table of observations has to do with the calibration."""
+    """Scores of one table of observations in the calibration."""
 
     table: str
     rocks: int  # with anything in it that is scored
@@ -56,7 +56,10 @@ class TableScore:
 def table_scores(
     site: SiteData, models: Mapping[str, Mapping[str, FloatArray]]
 ) -> tuple[TableScore, ...]:
-    """Scores by table; ``models``: those "before", "after", "left out", shape (n_rocks,) each."""
+    """Return scores by table.
+
+    ``models``: those "before", "after", "left out", shape (n_rocks,) each.
+    """
     found = []
     for table in models["before"]:
         own = {name: np.nan_to_num(scores[table]) for name, scores in models.items()}
@@ -68,7 +71,7 @@ def table_scores(
 
 
 def paired_gain(before: FloatArray, left_out: FloatArray) -> Interval:
-    """Mean of the differences of paired scores over the mean score before, with Student's interval.
+    """Compute the mean paired difference over the mean score before, with Student's interval.
 
     Units of which nothing is scored have no score and do not count.
     """
@@ -100,7 +103,7 @@ _NAMES = {
 def quantity_errors(
     site: SiteData, models: Mapping[str, Mapping[str, FloatArray]], seed: int
 ) -> tuple[QuantityErrors, ...]:
-    """Errors in every scored quantity.
+    """Return errors in every scored quantity.
 
     ``models``: replicas "before", "after" and "left out" by quantity, shape (count, n_rocks) each.
     """
@@ -188,7 +191,7 @@ class CalibrationFinding:
 def findings_of(
     fitted: Sequence[Fitted], gains: Mapping[str, Interval]
 ) -> tuple[CalibrationFinding, ...]:
-    """Values at a limit, against the order of the ground, far from what was configured.
+    """Return values at a limit, against the order of the ground, far from what was configured.
 
     And sites of which the ``gains`` on rocks left out do not clear zero.
     """
@@ -202,7 +205,7 @@ def findings_of(
 
 
 def gain_text(gain: Interval) -> str:
-    """A gain of score in words."""
+    """Return a gain of score in words."""
     ends = (gain.value, gain.low, gain.high)
     text = "on rocks left out the fitted classes gain {} % ({} to {}) of the score"
     return phrase(text, *(f"{100.0 * v:.1f}".replace("-", "−") for v in ends))

@@ -1,6 +1,6 @@
 """Draw hypotheses, the base model with causes, and calibrate them with and without rocks left out.
 
-A hypothesis is a set of ranges from which its parameters are drawn. Every draw has its own
+A hypothesis is a set of ranges from which its parameters are drawn. Every draw has separate
 calibration of the ground, of the scatter of rolling friction, and of the sideways tilt and the
 drift of followed paths, so that an effect has to explain what calibration cannot.
 """
@@ -69,7 +69,7 @@ class Draw:
 
 
 def draw(case: Case, families: tuple[str, ...], parameter_draws: ParameterDraws) -> Draw:
-    """The base model, its ground calibrated anew, with effects.
+    """Return the base model, its ground calibrated anew, with effects.
 
     ``families``: none, one or more; "contact_law" is one of them here.
     """
@@ -106,7 +106,7 @@ def draw(case: Case, families: tuple[str, ...], parameter_draws: ParameterDraws)
 
 
 def _engine_keys(case: Case, parameter_draws: ParameterDraws) -> dict[str, float]:
-    """Keys of ``[engine]`` that are free, by what is configured, no higher than they may be."""
+    """List the free keys of ``[engine]`` as configured, no higher than they may be."""
     drawn = {}
     if case.terrain is not None:
         for key in ("side_tilt_deg", "drift_deg"):
@@ -121,7 +121,7 @@ def _engine_keys(case: Case, parameter_draws: ParameterDraws) -> dict[str, float
 def _calibrated(
     case: Case, parameter_draws: ParameterDraws
 ) -> tuple[GroundTable, dict[str, float]]:
-    """Ground classes with shifted parameters; classes that no rock meets stay."""
+    """Return ground classes with shifted parameters; classes that no rock meets stay."""
     met = case.met or classes_met(case)
     names = [name for name in fitted_names(None, [case.engine]) if name in GROUND_WIDTHS]
     values = {}
@@ -136,7 +136,7 @@ def _calibrated(
 
 
 def families_to_try(case: Case) -> tuple[str, ...]:
-    """Families that are not switched on in the configuration already."""
+    """Return families that are not switched on in the configuration already."""
     on = set(case.effects.names)
     return tuple(name for name in FAMILIES if name not in on)
 
@@ -157,7 +157,7 @@ _AS_GOOD = (1.1, 0.01)
 
 
 def families_of(effect: str) -> tuple[str, ...]:
-    """Families of a hypothesis; none of the calibrated ground alone."""
+    """Return families of a hypothesis; none for calibrated ground only."""
     return () if effect == NONE else tuple(effect.split("+"))
 
 
@@ -171,12 +171,12 @@ class Space:
     of_ground: BoolArray  # shape (d,); parameters that belong to a ground class
 
     def start(self, shares: Mapping[str, float]) -> FloatArray:
-        """Standard normal parameters from shares; those without one in the middle."""
+        """Return the standard normal parameters from shares; those without one in the middle."""
         found: FloatArray = ndtri(np.array([shares.get(name, 0.5) for name in self.labels]))
         return np.clip(found, -2.0, 2.0)
 
     def shares(self, at: FloatArray) -> dict[str, float]:
-        """All shares of standard normal parameters."""
+        """Return all shares of standard normal parameters."""
         own = np.clip(ndtr(at), 0.0, 1.0 - 1e-9).tolist()
         return {**self.choices, **dict(zip(self.labels, own, strict=True))}
 
@@ -184,7 +184,7 @@ class Space:
 def space_of(
     case: Case, effect: str, shares: Mapping[str, float], held: Mapping[str, float]
 ) -> Space:
-    """Parameters of a hypothesis, with the choices of some shares, and those that are held."""
+    """List a hypothesis's parameters, with the choices of some shares, and those that are held."""
     rng = np.random.default_rng(0)
     names: dict[str, bool] = {}
     for _ in range(_NAMED_BY):
@@ -209,12 +209,12 @@ class HypothesisDraw:
 
 
 def draw_of(case: Case, effect: str, shares: Mapping[str, float]) -> Draw:
-    """The draw of a hypothesis that some shares of its parameters make; others in the middle."""
+    """Return draw of a hypothesis that some shares of its parameters make; others in the middle."""
     return draw(case, families_of(effect), ParameterDraws(None, shares))
 
 
 def see(summary: SiteSummary, task: HypothesisDraw) -> Seen:
-    """Numbers of a draw, and the distance of its campaigns from the observed rocks."""
+    """Return numbers of a draw, and the distance of its campaigns from the observed rocks."""
     problem = summary.problem
     numbers, rows = summary.of_model(
         draw_of(problem.case, task.effect, task.shares).model, task.number, task.count
@@ -235,7 +235,7 @@ class Chosen:
 
 
 def run_chosen(summary: SiteSummary, task: HypothesisDraw) -> Chosen:
-    """Campaigns of a model that was chosen, and the scores of the rocks in it."""
+    """Return campaigns of a model that was chosen, and the scores of the rocks in it."""
     problem = summary.problem
     made = draw_of(problem.case, task.effect, task.shares)
     rows = model_rows(problem, made.model, task.number, task.count)
@@ -266,16 +266,16 @@ class FittedHypothesis:
         return self.handed_over.draw.parameter_draws
 
     def held_out_rows(self, part: IntArray) -> FloatArray:
-        """Replicas of each rock by the model that it has no weight in, as rows."""
+        """Return replicas of each rock by the model that it has no weight in, as rows."""
         own = [self.models[k].rows[:, rock] for rock, k in enumerate(part.tolist())]
         return np.stack(own, axis=1)
 
     def held_out_scores(self, part: IntArray) -> FloatArray:
-        """Score of each rock by the model that it has no weight in."""
+        """Return the score of each rock by the model that it has no weight in."""
         return np.array([self.models[k].scores[rock] for rock, k in enumerate(part.tolist())])
 
     def samples(self, case: Case, most: int) -> list[Draw]:
-        """Draws of the posterior; the one that is handed over where there is none."""
+        """Return draws of the posterior; the one that is handed over where there is none."""
         if self.found is None:
             return [self.handed_over.draw]
         rng = np.random.default_rng([most, 43])
@@ -283,7 +283,10 @@ class FittedHypothesis:
         return [draw_of(case, self.effect, self.space.shares(at)) for at in drawn]
 
     def intervals(self, case: Case) -> Mapping[str, Range]:
-        """95 % intervals of the parameters as they are reported; what is handed over is within."""
+        """Return 95 % intervals of the parameters as they are reported.
+
+        What is handed over is within.
+        """
         chosen = self.handed_over.draw.parameters
         found = [chosen, *(one.parameters for one in self.samples(case, _SAMPLES))]
         out = {}
@@ -348,7 +351,7 @@ def fit_hypothesis(
 def _keeping_configured(
     space: Space, found: LinearFit, trials: Callable[[Sequence[Trial]], list[Seen]]
 ) -> FloatArray:
-    """Best parameters with the ground as configured where the rocks do not ask for more."""
+    """Find the best parameters with the ground as configured where the rocks ask for no more."""
     back = found.given(space.of_ground & ~found.asked)
     distances = [d for _, d in trials([Trial(0, at, LOOKED) for at in (found.best, back)])]
     factor, more = _AS_GOOD
@@ -359,7 +362,7 @@ def _keeping_configured(
 def gain_of(
     base: FloatArray, effect: FloatArray, group: IntArray, rng: np.random.Generator
 ) -> Interval:
-    """Mean gain of score over rocks, with its bootstrap interval over groups of rocks."""
+    """Return mean gain of score over rocks, with its bootstrap interval over groups of rocks."""
     gain = base - effect
     known = np.isfinite(gain)
     if not known.any():
@@ -406,13 +409,13 @@ class HypothesisFits:
         return self.fits[effect]
 
     def rows(self, effect: str) -> FloatArray:
-        """Rows of every rock by the model it had no weight in."""
+        """Return rows of every rock by the model it had no weight in."""
         return self.fits[effect].held_out_rows(self.problem.part)
 
     def scores(self, effect: str) -> FloatArray:
-        """Scores of every rock by the model it had no weight in."""
+        """Return scores of every rock by the model it had no weight in."""
         return self.fits[effect].held_out_scores(self.problem.part)
 
     def model(self, effect: str) -> Draw:
-        """The draw that is handed over."""
+        """Return the draw that is handed over."""
         return self.fits[effect].handed_over.draw

@@ -1,4 +1,4 @@
-"""What the observations identify: parameters, classes, trade-offs, sites that contradict."""
+"""Identifiability: parameters, classes, trade-offs, sites that contradict."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ _CORRELATED = 0.4
 _SHOWN = 6
 #: Samples of the posterior, and of the chance of sites that do not contradict each other.
 _SAMPLES = 2000
-#: Precision of the prior where the observations are to speak alone: two and a half times as wide.
+#: Precision of the prior where the observations alone are to speak: two and a half times as wide.
 _NEXT_TO_NONE = 0.16
 #: Sites contradict each other if what their numbers leave at common parameters is more than in
 #: this share of samples of chance, and costs at least this share of their score.
@@ -45,7 +45,7 @@ class Misfits:
 
 @dataclass(frozen=True, slots=True)
 class Told:
-    """What some rocks say of the parameters, by the linear model about the best ones."""
+    """Evidence of some rocks on the parameters, by the linear model about the best ones."""
 
     best: FloatArray  # shape (d,); standard normal before any rock is seen
     precision: FloatArray  # shape (d, d); of the numbers, as if each were independent of the others
@@ -56,7 +56,7 @@ class Told:
     scatter: FloatArray
 
     def estimate(self, prior: float = 1.0) -> tuple[FloatArray, FloatArray]:
-        """Parameters, shape (d,), and their covariance, with a prior of this precision.
+        """Return parameters, shape (d,), and their covariance, with a prior of this precision.
 
         The covariance is that of the error of a linear estimate whose weights need not be the best
         ones (the sandwich of White 1982, Econometrica 50, 1-25): the weights are those of
@@ -68,12 +68,12 @@ class Told:
         return np.asarray(found), np.asarray(gain @ (self.scatter + own) @ gain.T)
 
     def estimate_without(self, part: int) -> FloatArray:
-        """Parameters for the rocks of the other parts, shape (d,)."""
+        """Return parameters for the rocks of the other parts, shape (d,)."""
         return replace(self, pull=self.without[part]).estimate()[0]
 
 
 def told_by(found: LinearFit, sites: Sequence[Misfits]) -> tuple[Told, ...]:
-    """What the rocks of each site say; the numbers of ``found`` are those of the sites joined."""
+    """Return the evidence of each site's rocks; numbers of ``found`` are those of joined sites."""
     out, first = [], 0
     for site in sites:
         rows = slice(first, first := first + site.whole.size)
@@ -84,7 +84,7 @@ def told_by(found: LinearFit, sites: Sequence[Misfits]) -> tuple[Told, ...]:
         )
         scatter = small_sample_factor(site.units) * np.atleast_2d(np.cov(drawn.T))
         told = Told(found.best, weight @ slopes, whole, without, scatter)
-        # Numbers that even the site's own parameters leave farther apart than their errors say have
+        # Numbers that even the site's parameters leave farther apart than their errors say have
         # larger ones (Birge 1932, Phys. Rev. 40, 207-227).
         apart = bounded(site.whole) - slopes @ (told.estimate()[0] - found.best)
         scatter = scatter * max(float(apart @ apart) / max(apart.size, 1), 1.0)
@@ -95,13 +95,13 @@ def told_by(found: LinearFit, sites: Sequence[Misfits]) -> tuple[Told, ...]:
 
 
 def together(sites: Sequence[Told]) -> Told:
-    """What the rocks of all sites say."""
+    """Combine the rocks of all sites."""
     names = ("precision", "pull", "without", "scatter")
     return Told(sites[0].best, *(np.sum([getattr(s, n) for s in sites], axis=0) for n in names))
 
 
 def small_sample_factor(n: int) -> float:
-    """By how much few rocks drawn anew scatter too little, as a ratio of variances.
+    """Return by how much few rocks drawn anew scatter too little, as a ratio of variances.
 
     Rocks that are drawn anew scatter by (n − 1)/n of the variance of a mean, and an interval from n
     of them needs Student's instead of the normal quantile.
@@ -152,7 +152,7 @@ class Fitted:
 def fitted_parameters(
     parameters: Sequence[ClassParameter], posterior: Posterior
 ) -> tuple[Fitted, ...]:
-    """Values, intervals, and what the observations identify."""
+    """Return values, intervals, and what the observations identify."""
     found = []
     usual = norm.ppf([[0.025], [0.975]]) * np.ones(len(parameters))
     before = Prior.of(parameters).shares(usual)
@@ -178,7 +178,7 @@ def fitted_parameters(
 
 
 def identified_combinations(covariance: FloatArray) -> int:
-    """Number of combinations of the parameters that the observations identify.
+    """Return the number of combinations of the parameters that the observations identify.
 
     Where two parameters can make up for each other, neither is identified by itself, yet a
     combination of both is: a direction in which the posterior, shape (d, d), is clearly narrower
@@ -197,7 +197,7 @@ class TradeOff:
 
 
 def trade_offs(labels: Sequence[str], covariance: FloatArray) -> tuple[TradeOff, ...]:
-    """Pairs of parameters that make up for each other, the strongest first."""
+    """Return pairs of parameters that make up for each other, the strongest first."""
     sd = np.sqrt(np.diag(covariance))
     r = covariance / np.outer(sd, sd)
     pairs = [
@@ -209,9 +209,9 @@ def trade_offs(labels: Sequence[str], covariance: FloatArray) -> tuple[TradeOff,
 
 
 def as_good(posterior: Posterior) -> FloatArray:
-    """Combinations that fit as well as the best, as far apart as possible, shape (n, d).
+    """Return combinations that fit as well as the best, as far apart as possible, shape (n, d).
 
-    By the observations alone they are among the better half of the posterior.
+    By only the observations they are among the better half of the posterior.
     """
     good = posterior.samples[posterior.excess <= np.quantile(posterior.excess, 0.5)]
     chosen = [posterior.best]
@@ -224,11 +224,11 @@ def as_good(posterior: Posterior) -> FloatArray:
 def classes_alike(
     parameters: Sequence[ClassParameter], posterior: Posterior
 ) -> tuple[tuple[str, str], ...]:
-    """Pairs of classes that the observations cannot tell apart.
+    """Return pairs of classes that the observations cannot distinguish.
 
-    Two classes are told apart if the 95 % interval of the difference of one of their parameters,
+    Two classes are distinguished if the 95 % interval of the difference of one of their parameters,
     corrected for the number of parameters, does not contain zero. The interval is that with next to
-    no prior, which sets classes apart that no rock has told apart.
+    no prior, which sets classes apart that no rock has distinguished.
     """
     names = list(dict.fromkeys(p.class_name for p in parameters))
     alike = []
@@ -248,12 +248,12 @@ def classes_alike(
 def contradicting(
     sites: Sequence[Told], common: Sequence[float], own_best: Sequence[float], seed: int
 ) -> bool:
-    """Whether the common parameters are worse for sites than chance explains, and by much.
+    """Return whether the common parameters are worse for sites than chance explains, and by much.
 
     ``common``, ``own_best``: mean scores of the rocks of each site at the common parameters, and at
     the best ones of the site.
 
-    What is compared with chance is by how much parameters of their own would fit the numbers of the
+    What is compared with chance is by how much separate parameters would fit the numbers of the
     sites better than common ones; chance draws the pulls of the sites anew about none.
     """
     worse = sum(one - other for one, other in zip(common, own_best, strict=True))
@@ -262,7 +262,7 @@ def contradicting(
     own = [site.precision + _NEXT_TO_NONE * np.eye(site.best.size) for site in sites]
 
     def bettered(pulls: Sequence[FloatArray]) -> FloatArray:
-        """Twice the logarithmic likelihood, from pulls of shape (n, d) by site."""
+        """Return twice the logarithmic likelihood, from pulls of shape (n, d) by site."""
         alone = np.sum([_squared(a, x) for a, x in zip(own, pulls, strict=True)], axis=0)
         return np.asarray(alone - _squared(np.sum(own, axis=0), np.sum(pulls, axis=0)))
 

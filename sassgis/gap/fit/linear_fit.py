@@ -30,7 +30,7 @@ from sassgis.grid import BoolArray, FloatArray
 _FEWEST, _FEWEST_IMPACTS = 3.0, 15
 #: Bootstrap samples, and the least standard error of a number, in scatters of the rocks.
 _SAMPLES, _LEAST = 150, 0.03
-#: Ground alone is calibrated on numbers that this share of the samples have: of fewer rocks than
+#: Only ground is calibrated on numbers that this share of the samples have: of fewer rocks than
 #: about eight the errors are not known.
 _SURE = 0.99
 #: Larger turns at impacts count as this: slow rocks turn anywhere.
@@ -39,7 +39,7 @@ _MOST_TURN_DEG = 45.0
 
 @dataclass(frozen=True, slots=True)
 class ObservedNumbers:
-    """What was observed, in numbers that campaigns are compared with."""
+    """Observations in the numbers with which campaigns are compared."""
 
     observed: FloatArray  # shape (p,)
     error: FloatArray  # standard error of each, by drawing the rocks (or groups of them) anew
@@ -48,12 +48,12 @@ class ObservedNumbers:
     seed: int
 
     def in_errors(self, numbers: FloatArray) -> FloatArray:
-        """Numbers that the observations have, in standard errors, the last axis shape (p,)."""
+        """Return the numbers of the observations in standard errors, the last axis shape (p,)."""
         return (numbers / self.error)[..., self.used]
 
 
 def joined(sites: Sequence[ObservedNumbers]) -> ObservedNumbers:
-    """The numbers of several sites, one after the other."""
+    """Return the numbers of several sites, one after the other."""
     observed, error, used = (
         np.concatenate([getattr(site, name) for site in sites])
         for name in ("observed", "error", "used")
@@ -70,7 +70,7 @@ class SiteSummary(ObservedNumbers):
     size: FloatArray  # shape (n_rocks,); logarithm of the radius, standardised
 
     def of_rocks(self, weights: FloatArray) -> FloatArray:
-        """Numbers of the observed rocks with weights, shape (p,)."""
+        """Return numbers of the observed rocks with weights, shape (p,)."""
         seen = self.problem
         return self._numbers(
             seen.rows[None], seen.outcomes[:, None], [seen.observed.impacts], weights
@@ -79,12 +79,12 @@ class SiteSummary(ObservedNumbers):
     def of_model(
         self, model: HypothesisModel, number: int, count: int
     ) -> tuple[FloatArray, FloatArray]:
-        """Numbers of campaigns of a model together, shape (p,), and their rows."""
+        """Return numbers of campaigns of a model together, shape (p,), and their rows."""
         made = self._campaigns(model, number, count)
         return self._numbers(*made), made[0]
 
     def of_each(self, model: HypothesisModel, number: int, count: int) -> FloatArray:
-        """Numbers of single campaigns of a model, shape (count, p), count up to DRAWS."""
+        """Return numbers of single campaigns of a model, shape (count, p), count up to DRAWS."""
         rows, outcomes, impacts = self._campaigns(model, number, count)
         each = (slice(k, k + 1) for k in range(count))
         return np.array([self._numbers(rows[k], outcomes[:, k], impacts[k]) for k in each])
@@ -92,7 +92,7 @@ class SiteSummary(ObservedNumbers):
     def misfits(
         self, model: HypothesisModel, number: int, count: int, weights: FloatArray
     ) -> FloatArray:
-        """Observed less simulated numbers of rocks with weights, in standard errors.
+        """Return observed less simulated numbers of rocks with weights, in standard errors.
 
         What rocks differ in by themselves, as their release points, is the same in both. From
         ``weights`` of shape (n, n_rocks), shape (n, number of used ones).
@@ -125,7 +125,7 @@ class SiteSummary(ObservedNumbers):
         recorded: Sequence[ImpactRows | None],
         weights: FloatArray | None = None,
     ) -> FloatArray:
-        """Of rows of rocks, shape (m, n_rocks, 2 k), outcomes of observed impacts, shape (n, m, 3).
+        """Compute the numbers of rows (m, n_rocks, 2 k) and outcomes of observed impacts (n, m, 3).
 
         And of the turns at the impacts of each campaign, as they were recorded.
         """
@@ -150,7 +150,7 @@ class SiteSummary(ObservedNumbers):
         return np.concatenate(parts)
 
     def _of_rows(self, rows: FloatArray, weight: FloatArray) -> FloatArray:
-        """Mean, scatter and trend with the size of each quantity, and who passed each station."""
+        """Compute mean, scatter and trend with size of each quantity, and who passed stations."""
         names = self.problem.scale.names
         k = len(names)
         values, absent = rows[..., :k], rows[..., k:]
@@ -180,7 +180,7 @@ def summary_of(problem: SiteData) -> SiteSummary:
 
 
 def _of_ground(problem: SiteData, p: int) -> BoolArray:
-    """Numbers that only ground changes: no offsets from fall lines.
+    """Return numbers that only ground changes: no offsets from fall lines.
 
     Of impacts neither scatters nor trends with the normal speed: errors of the states before widen
     what is computed from them, as the observed states after are not.
@@ -193,14 +193,14 @@ def _of_ground(problem: SiteData, p: int) -> BoolArray:
 
 
 def rocks_drawn_anew(problem: SiteData) -> FloatArray:
-    """How often each rock is drawn in samples of the rocks, or of groups, shape (n, n_rocks)."""
+    """Count how often samples of rocks or groups hold each rock, shape (n, n_rocks)."""
     return times_drawn(problem.unit, np.random.default_rng([problem.seed, 11]), _SAMPLES)
 
 
 def _of_impacts(
     impacts: ImpactsInFlight, size: FloatArray, outcomes: FloatArray, weight: FloatArray
 ) -> FloatArray:
-    """The same of speeds and spin after impacts, and their trend with the normal speed."""
+    """Return the same of speeds and spin after impacts, and their trend with the normal speed."""
     known = np.isfinite(outcomes)
     values, has = np.where(known, outcomes, 0.0), known * weight[..., None]
     speed = np.log(np.maximum(-impacts.impacts.vn_in_mps, 0.2))
@@ -210,7 +210,10 @@ def _of_impacts(
 
 
 def _moments(values: FloatArray, has: FloatArray, by: FloatArray) -> FloatArray:
-    """Means, logarithms of scatters, and covariances with ``by``, of the last axis; NaN of few."""
+    """Return means, logarithms of scatters, and covariances with ``by``, of the last axis.
+
+    They are NaN for few values.
+    """
     total = has.sum(axis=(0, 1))
     few, total = total < _FEWEST, np.maximum(total, 1e-9)
     mean = (values * has).sum(axis=(0, 1)) / total
@@ -227,7 +230,7 @@ _LIMIT = 2.5
 #: with after a step as long as itself, after a shorter one, and after one that is not kept.
 _RADIUS, _ATTEMPTS = 1.2, 2
 _FARTHER, _KEPT, _NOT_KEPT = 1.3, 0.85, 0.6
-#: Standard deviation of the last draws, over that of what is left.
+#: Standard deviation of the last draws, over that of the remainder.
 _SPREAD = 1.3
 #: Number of the campaigns in which steps are compared: the same luck for all.
 _LOOK = 1
@@ -263,7 +266,7 @@ class FitBudget:
     """Rounds, draws of each, campaigns of a draw, and of a step that is looked at.
 
     Parameters are kept within ``limit`` standard deviations. A ``last`` round of so many draws, of
-    as many campaigns as a step, lies where the parameters may be, and the slopes are its alone.
+    as many campaigns as a step, lies where the parameters may be, and the slopes are only its.
     """
 
     rounds: int
@@ -306,14 +309,14 @@ class LinearFit:
         return np.abs(self.best) > _ASKED * np.sqrt(np.diag(self.covariance))
 
     def step(self, observed: FloatArray) -> FloatArray:
-        """From the best parameters to those for some observed numbers, in standard errors."""
+        """Step from the best parameters to those for some observed numbers, in standard errors."""
         weighted = self.slopes.T / self.variance
         precision = weighted @ self.slopes + np.eye(self.best.size)
         pull = weighted @ bounded(observed - self.level) - self.best
         return np.asarray(np.linalg.solve(precision, pull), np.float64)
 
     def given(self, fixed: BoolArray) -> FloatArray:
-        """Best parameters if some are at their values before, and the others make up for it."""
+        """Find the best parameters if some keep their values and the others make up for it."""
         found = np.where(fixed, 0.0, self.best)
         free = ~fixed
         if fixed.any() and free.any():
@@ -374,7 +377,7 @@ def fit_linearly(
 
 
 def bounded(off: FloatArray) -> FloatArray:
-    """Observed less simulated numbers as they count, in standard errors."""
+    """Return observed less simulated numbers as they count, in standard errors."""
     return np.asarray(np.clip(np.nan_to_num(off), -_FARTHEST, _FARTHEST), np.float64)
 
 
@@ -386,7 +389,7 @@ def _next(normal: qmc.MultivariateNormalQMC, n: int) -> FloatArray:
 
 
 def _loss(summary: ObservedNumbers, at: FloatArray, seen: Seen) -> float:
-    """Distance from the observed rocks, and what the prior has against the parameters.
+    """Return the distance from the observed rocks, and what the prior has against the parameters.
 
     For a small shift of a quantity the energy distance is near the loss of logarithmic likelihood
     by rock, so that the prior counts by the number of rocks, or of the groups of them. Where only

@@ -5,7 +5,7 @@ a loss that grows with the speed make smooth, monotone functions of normal speed
 ground and angle of an impact. They are learned from single contacts, each predicted from the state
 that was observed before it, and shrunk towards the values of the class. What a class without
 contacts is taken to be follows the others half way. Spins have a factor and a scatter besides, the
-same for all classes: blocks do not turn in the plane of their path alone.
+same for all classes: blocks do not turn in only the plane of their path.
 """
 
 from __future__ import annotations
@@ -62,18 +62,18 @@ class ClassParameter:
 
     @property
     def label(self) -> str:
-        """Class and parameter in one word; the parameter alone if it is of no class."""
+        """Class and parameter in one word; only the parameter if it is of no class."""
         return f"{self.class_name}.{self.name}" if self.class_name else self.name
 
     def value(self, share: FloatArray | float) -> FloatArray:
-        """Values at shares of the range."""
+        """Return values at shares of the range."""
         own, log = self.limits, self.limits.scale == "log"
         low, high = (np.log(own.low), np.log(own.high)) if log else (own.low, own.high)
         at = low + (high - low) * np.asarray(share, np.float64)
         return np.exp(at) if log else at
 
     def share(self, value: float) -> float:
-        """Share of the range at which a value lies; above 1 beyond it."""
+        """Return the share of the range at which a value lies; above 1 beyond it."""
         own = self.limits
         if own.scale == "log":
             return float(np.log(max(value, own.low) / own.low) / np.log(own.high / own.low))
@@ -92,7 +92,7 @@ class ClassParameter:
 
 
 def fitted_names(names: Iterable[str] | None, engines: Iterable[EngineSettings]) -> tuple[str, ...]:
-    """Names of the parameters to calibrate: all that the engine reads, or those asked for.
+    """Return names of the parameters to calibrate: all that the engine reads, or those asked for.
 
     Raises
     ------
@@ -116,7 +116,7 @@ def fitted_names(names: Iterable[str] | None, engines: Iterable[EngineSettings])
 
 
 def _reads(engine: EngineSettings, name: str) -> bool:
-    """Whether the engine reads a parameter of ground classes in these settings."""
+    """Return whether the engine reads a parameter of ground classes in these settings."""
     if name == "restitution":
         return engine.eta_max_rule == "restitution"
     return name != "rolling_threshold" or engine.rolling_threshold is None
@@ -125,7 +125,10 @@ def _reads(engine: EngineSettings, name: str) -> bool:
 def parameters_of(
     table: GroundTable, class_names: Sequence[str], names: Sequence[str], rules: Sequence[RangeRule]
 ) -> tuple[ClassParameter, ...]:
-    """The parameters of some classes, class by class; ``rules`` give the spread between sites."""
+    """Return the parameters of some classes, class by class.
+
+    ``rules`` give the spread between sites.
+    """
     spread = {(r.class_name, r.parameter): r for r in ranges_of(table, class_names, rules, names)}
     found = []
     for own in class_names:
@@ -143,7 +146,7 @@ def parameters_of(
 def table_with(
     table: GroundTable, parameters: Sequence[ClassParameter], shares: FloatArray
 ) -> GroundTable:
-    """A table with the calibrated parameters at shares of their ranges.
+    """Return a table with the calibrated parameters at shares of their ranges.
 
     Classes that the table does not have are passed over: they are of another site.
     """
@@ -171,11 +174,11 @@ class Prior:
 
     @staticmethod
     def of(parameters: Sequence[ClassParameter]) -> Prior:
-        """The prior of some parameters."""
+        """Return the prior of some parameters."""
         return Prior(np.array([p.start for p in parameters]), np.array([p.sd for p in parameters]))
 
     def shares(self, normal: FloatArray) -> FloatArray:
-        """Shares of parameters of which the prior is standard normal, shape (..., d)."""
+        """Return shares of parameters of which the prior is standard normal, shape (..., d)."""
         # The last digits of linear algebra depend on where its arrays lie in memory.
         shares = np.round(self.centre + self.sd * normal, _SHARE_DIGITS)
         return np.asarray(np.clip(shares, 0.0, 1.0), np.float64)
@@ -201,7 +204,7 @@ _TRIED, _SEARCHED = 32, 90
 
 
 def learned_contacts(case: Case, seed: int) -> LearnedContacts | None:
-    """Contacts as observed; None where too few were recorded.
+    """Return contacts as observed; None where too few were recorded.
 
     Only the law of impact with restitution has these parameters.
     """
@@ -244,7 +247,7 @@ def _misfit(
     error: MeasurementError,
     seed: int,
 ) -> float:
-    """Mean score of the rocks that have impacts."""
+    """Return the mean score of the rocks that have impacts."""
     # The same draws for all values: what differs is no luck.
     model = HypothesisModel(table, EffectSettings(), measurement=error)
     made = simulated_outcomes(case, model, impacts, seed=seed, number=3700)
@@ -284,7 +287,7 @@ def _spin_scale(shift: float) -> float:
 
 
 def _with_shift(ground: GroundClass, shift: FloatArray) -> GroundClass:
-    """A class with shifted parameters of the contact, kept within their ranges."""
+    """Return a class with shifted parameters of the contact, kept within their ranges."""
     values = {}
     for (name, (limits, sd)), own in zip(_RANGES.items(), shift[:-1].tolist(), strict=True):
         one = ClassParameter(ground.name, name, limits, float(getattr(ground, name)))

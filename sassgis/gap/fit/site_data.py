@@ -41,7 +41,7 @@ QUANTITIES = ("impact:along", "impact:normal", "impact:turning", "impact:energy"
 
 
 def observed_impacts(case: Case) -> ImpactsInFlight | None:
-    """Impacts after flights of rocks of known size; None if none was observed."""
+    """Return impacts after flights of rocks of known size; None if none was observed."""
     if not len(case.observations.impacts):
         return None
     axes = case.semi_axes_m[:, None]
@@ -53,7 +53,7 @@ def observed_impacts(case: Case) -> ImpactsInFlight | None:
 
 
 def observed_outcomes(impacts: ImpactsInFlight) -> FloatArray:
-    """Speeds after over the speed before, shape (n, 3); NaN where no spin was measured."""
+    """Return speeds after over the speed before, shape (n, 3); NaN where no spin was measured."""
     after = np.column_stack(
         [impacts.impacts.vt_out_mps, impacts.impacts.vn_out_mps, impacts.impacts.omega_out_radps]
     )
@@ -63,7 +63,7 @@ def observed_outcomes(impacts: ImpactsInFlight) -> FloatArray:
 def simulated_outcomes(
     case: Case, model: HypothesisModel, impacts: ImpactsInFlight, *, seed: int, number: int
 ) -> FloatArray:
-    """The same in a model, shape (n, DRAWS, 3); a rock that would roll on keeps its speed."""
+    """Return same in a model, shape (n, DRAWS, 3); a rock that would roll on keeps its speed."""
     turns = model.measurement.spin_scale
     rng = np.random.default_rng([seed, number, 87])
     start = replace(impacts, spin=np.where(impacts.has_spin, impacts.spin / turns, impacts.spin))
@@ -84,7 +84,9 @@ def _relative(impacts: ImpactsInFlight, after: FloatArray) -> FloatArray:
 def impact_scores(
     impacts: ImpactsInFlight, observed: FloatArray, simulated: FloatArray, n_rocks: int
 ) -> FloatArray:
-    """Energy score of the impacts of each rock, mean over them, shape (n_rocks,); 0 without any.
+    """Return energy score of the impacts of each rock, mean over them, shape (n_rocks,).
+
+    It is 0 for rocks without impacts.
 
     It is over the root of the number of quantities, as those of other tables are. The unit of each
     quantity is its scatter among the observed impacts.
@@ -99,7 +101,7 @@ def impact_scores(
 def impact_quantities(
     impacts: ImpactsInFlight, outcomes: FloatArray, n_rocks: int
 ) -> Mapping[str, FloatArray]:
-    """Means over the impacts of each rock, shape (n_rocks, draws) each; NaN without any.
+    """Return means over the impacts of each rock, shape (n_rocks, draws) each; NaN without any.
 
     ``outcomes``: shape (n, draws, 3).
     """
@@ -141,7 +143,7 @@ class Scale:
     n_rocks: int = 0  # rows where nothing is scored at all
 
     def rows(self, quantities: Mapping[str, FloatArray]) -> FloatArray:
-        """Rows per rock, shape (n_rocks, 2 k): standardised values, and flags of absence.
+        """Return rows per rock, shape (n_rocks, 2 k): standardised values, and flags of absence.
 
         A rock that never reached a station has no speed there, which the flag states.
         """
@@ -171,7 +173,7 @@ class SiteData:
     part: IntArray  # shape (n_rocks,); part of the cross-validation that each rock belongs to
     unit: IntArray  # shape (n_rocks,); those of a block, day or source, whose scores count as one
     #: Shape (n_rocks, 2 k). Stops of rocks of which no block is known to lie anywhere: not found,
-    #: or not told from others; and what was not measured of a block that lies, or has passed a
+    #: or not separate from others; and what was not measured of a block that lies, or has passed a
     #: station. They count as not measured, in replicas too.
     unseen: NDArray[np.bool_]
     sideways: bool = True  # whether offsets from fall lines and turns count
@@ -208,7 +210,7 @@ class SiteData:
         return int(self.unit.max()) + 1
 
     def per_unit(self, scores: FloatArray) -> FloatArray:
-        """Sums of scores of rocks over their units, shape (..., n_units)."""
+        """Return sums of scores of rocks over their units, shape (..., n_units)."""
         sums = np.zeros((self.units, *scores.shape[:-1]))
         np.add.at(sums, self.unit, np.moveaxis(np.nan_to_num(scores), -1, 0))
         return np.moveaxis(sums, 0, -1)
@@ -265,7 +267,7 @@ def site_data_of(
 
 
 def _unseen(name: str, quantities: Mapping[str, FloatArray]) -> NDArray[np.bool_]:
-    """Rocks of which a quantity was not measured, though it may have been there."""
+    """Return rocks of which a quantity was not measured, though it may have been there."""
     place = name.partition(":")[0]
     missing = ~np.isfinite(quantities[name])
     if place == "stop":
@@ -276,7 +278,7 @@ def _unseen(name: str, quantities: Mapping[str, FloatArray]) -> NDArray[np.bool_
 
 
 def scale_of(case: Case, quantities: Mapping[str, FloatArray]) -> Scale:
-    """Quantities to be scored, with the scatter of the observed as their unit."""
+    """Return quantities to be scored, with the scatter of the observed as their unit."""
     errors = errors_of(case)
     floors = {
         "runout": 2.0 * errors.stop_m,
@@ -313,7 +315,7 @@ def scale_of(case: Case, quantities: Mapping[str, FloatArray]) -> Scale:
 
 
 def _scored(name: str, values: FloatArray) -> FloatArray:
-    """Numbers of blocks count by their logarithm."""
+    """Return numbers of blocks count by their logarithm."""
     return np.log(np.maximum(values, 0.5)) if name.endswith(":blocks") else values
 
 
@@ -324,7 +326,10 @@ def _scored(name: str, values: FloatArray) -> FloatArray:
 def replicas(
     problem: SiteData, model: HypothesisModel, number: int, count: int
 ) -> list[Mapping[str, FloatArray]]:
-    """What each rock shows in ``count`` campaigns of a model; ``number`` distinguishes them."""
+    """Simulate what each rock shows in ``count`` campaigns of a model.
+
+    ``number`` distinguishes them.
+    """
     made = campaigns(
         problem.case, problem.rock_lines, model,
         count=count, seed=problem.seed, number=number, tables=_IN_ROWS,
@@ -333,21 +338,21 @@ def replicas(
 
 
 def model_rows(problem: SiteData, model: HypothesisModel, number: int, count: int) -> FloatArray:
-    """Rows per rock of campaigns of a model, shape (count, n_rocks, 2 k)."""
+    """Return rows per rock of campaigns of a model, shape (count, n_rocks, 2 k)."""
     if not problem.scale.names:
         return np.zeros((count, problem.n_rocks, 0))
     return rows_of(problem, replicas(problem, model, number, count))
 
 
 def rows_of(problem: SiteData, samples: Sequence[Mapping[str, FloatArray]]) -> FloatArray:
-    """Rows per rock of other campaigns of the same rocks, shape (n, n_rocks, 2 k)."""
+    """Return rows per rock of other campaigns of the same rocks, shape (n, n_rocks, 2 k)."""
     rows = np.stack([problem.scale.rows(sample) for sample in samples])
     return np.where(problem.unseen, problem.rows, rows)
 
 
 @dataclass(frozen=True, slots=True)
 class Prediction:
-    """What a model makes of the observed rocks."""
+    """Prediction of the observed rocks by a model."""
 
     #: Everything that is compared, by quantity, shape (count or draws, n_rocks).
     replicas: Mapping[str, FloatArray]
@@ -371,7 +376,7 @@ def prediction(problem: SiteData, model: HypothesisModel, number: int, count: in
 def scores_of(
     problem: SiteData, model: HypothesisModel, number: int, rows: FloatArray
 ) -> FloatArray:
-    """Energy score of each observed rock in a model, shape (n_rocks,), added over the tables.
+    """Add up the energy score of each observed rock over the tables, shape (n_rocks,).
 
     ``rows``: of its campaigns of this number (``model_rows``).
     """
@@ -379,14 +384,14 @@ def scores_of(
 
 
 def added(scores: Mapping[str, FloatArray]) -> FloatArray:
-    """Scores of all tables together; a table that says nothing of a rock adds nothing."""
+    """Return scores of all tables together; a table that says nothing of a rock adds nothing."""
     return np.asarray(np.sum([np.nan_to_num(s) for s in scores.values()], axis=0))
 
 
 def _table_scores(
     problem: SiteData, rows: FloatArray | None, outcomes: FloatArray | None
 ) -> dict[str, FloatArray]:
-    """Energy score of each rock by table, over the root of the number of quantities."""
+    """Return energy score of each rock by table, over the root of the number of quantities."""
     scores = {}
     for table, letter in _TABLES.items():
         own = np.array(
@@ -408,7 +413,7 @@ def _table_scores(
 
 
 def outcomes_of(problem: SiteData, model: HypothesisModel, number: int) -> FloatArray | None:
-    """What a model makes of the observed impacts, shape (n_impacts, DRAWS, 3); None without any."""
+    """Compute a model's outcomes of observed impacts, shape (n_impacts, DRAWS, 3); None without."""
     if problem.impacts is None:
         return None
     return simulated_outcomes(

@@ -1,4 +1,4 @@
-"""What a hypothesis sets: ground, effects, deviation from the fall line, errors."""
+"""Settings of a hypothesis: ground, effects, deviation from the fall line, errors."""
 
 from __future__ import annotations
 
@@ -75,11 +75,11 @@ class HypothesisModel:
         return {key: value for key, value in own.items() if value is not None}
 
     def engine_of(self, configured: EngineSettings) -> EngineSettings:
-        """Settings of the engine that move its blocks."""
+        """Return settings of the engine that move its blocks."""
         return replace(configured, **self.engine_keys)  # type: ignore[arg-type]
 
     def sections(self, configured: EffectSettings) -> dict[str, dict[str, Any]]:
-        """``[effects.*]`` sections of a configuration that has only some of these effects.
+        """Return ``[effects.*]`` sections of a configuration that has only some of these effects.
 
         Every effect of the model that is not configured as it is here: family to key to value, the
         form and whatever is not as by default. Errors of release and measurement are no part of the
@@ -97,22 +97,22 @@ class HypothesisModel:
 
 
 def configured_model(case: Case, table: GroundTable | None = None) -> HypothesisModel:
-    """The model of a case as it is configured, or with another table of ground classes."""
+    """Return the model of a case as it is configured, or with another table of ground classes."""
     return HypothesisModel(case.table if table is None else table, moving_effects(case))
 
 
 def moving_effects(case: Case) -> EffectSettings:
-    """Configured effects that move the rocks: on fall lines none deflects them."""
+    """Return configured effects that move the rocks: on fall lines none deflects them."""
     return case.effects if case.terrain is not None else case.effects.without(LateralDeflection)
 
 
 def model_as_json(model: HypothesisModel) -> dict[str, Any]:
-    """A model as JSON takes it, so that a calibrated one can be kept in a file and used again."""
+    """Return a model as JSON takes it, to keep a calibrated one in a file and use it again."""
     return {**asdict(model), "effects": {own.name: asdict(own) for own in model.effects}}
 
 
 def model_from_json(plain: Mapping[str, Any]) -> HypothesisModel:
-    """The model of ``model_as_json``.
+    """Return the model of ``model_as_json``.
 
     Raises
     ------

@@ -51,7 +51,7 @@ def observe(
     rng: np.random.Generator,
     tables: frozenset[str],
 ) -> list[Campaign]:
-    """What ``count`` campaigns show to the observer of the case.
+    """Simulate what ``count`` campaigns show to the observer of the case.
 
     Errors of release and measurement of the model, and offsets from the fall line, come on top.
     ``moved``: every rock ``count`` times.
@@ -75,7 +75,10 @@ def observe(
 
 
 def _of_campaign(rows, campaign: int, n: int):  # type: ignore[no-untyped-def]
-    """Rows of one campaign; rocks were numbered campaign by campaign, loose blocks below zero."""
+    """Return rows of one campaign.
+
+    Rocks were numbered campaign by campaign, loose blocks below zero.
+    """
     owner = np.where(rows.rock >= 0, rows.rock, -1 - rows.rock)
     mine = owner // n == campaign
     fields = {}
@@ -86,7 +89,7 @@ def _of_campaign(rows, campaign: int, n: int):  # type: ignore[no-untyped-def]
 
 
 class _Record:
-    """What ``count`` campaigns left, with the errors of those who look.
+    """Records of ``count`` campaigns, with the errors of the observers.
 
     Rocks are numbered campaign by campaign: rock + campaign * n_rocks. A loose block carries
     -1 less the number of the rock that set it off, so that it stays with its campaign.
@@ -112,7 +115,7 @@ class _Record:
         self._mass = self._of_rocks("mass_kg")
 
     def _of_rocks(self, name: str) -> FloatArray:
-        """A number of each released rock, by their numbers."""
+        """Return a number of each released rock, by their numbers."""
         values: FloatArray = self._moved.rocks[name]
         return values.reshape(self._n, self._count).T.ravel()
 
@@ -121,7 +124,10 @@ class _Record:
         return rows["line"] + (rows["rock"].astype(np.int64) - first) * self._n
 
     def _lateral_offset(self, owner: IntArray, moved: FloatArray, stated_m: float) -> FloatArray:
-        """Lateral offset from the line, measured; ``moved``: that of the motion itself (m)."""
+        """Return the lateral offset from the line, measured.
+
+        ``moved``: that of the motion itself (m).
+        """
         error = np.hypot(stated_m, self._model.measurement.position_m)
         noise = error * self._rng.standard_normal(owner.size)
         measured: FloatArray = moved + self._offset[owner] + noise
@@ -133,7 +139,7 @@ class _Record:
         return noise / self._clock[owner]
 
     def _kind(self, rows: NDArray[np.void], owner: IntArray) -> IntArray:
-        """Whether pieces broke off or were set in motion: the latter have one size."""
+        """Return whether fragments broke off or were set in motion: the latter have one size."""
         effects = self._model.effects
         entrainment = effects.get(Entrainment)
         if entrainment is None:
@@ -144,7 +150,7 @@ class _Record:
         return np.where(np.abs(ratio - 1.0) < 1e-9, LOOSE, PIECE)
 
     def deposits(self) -> DepositRows:
-        """Blocks that stopped on the profiles."""
+        """Return blocks that stopped on the profiles."""
         blocks = np.concatenate([self._moved.rocks, self._moved.pieces])
         left = np.flatnonzero(blocks["reason"] != StopReason.BROKEN)
         rows = blocks[left]
@@ -161,7 +167,7 @@ class _Record:
         return DepositRows(np.where(kind == LOOSE, -1 - owner, owner), kind, s, lateral, mass)
 
     def passages(self) -> PassageRows:
-        """What the stations saw."""
+        """Return the passages at the stations."""
         moved, aside = self._moved.passages, self._moved.passed_lateral_m
         missed = self._observer.passages_missed_share
         seen = self._rng.random(moved.size) >= missed if missed > 0.0 else np.full(moved.size, True)
@@ -190,7 +196,10 @@ class _Record:
         )
 
     def _rest(self, rows: NDArray[np.void], owner: IntArray) -> FloatArray:
-        """Height of the centre of a lying block above the ground: heights are counted from it."""
+        """Return the height of the centre of a lying block above the ground.
+
+        Heights are counted from it.
+        """
         a, b = self._of_rocks("a_m"), self._of_rocks("b_m")
         # The engine counts heights of flight from the shorter axis; a rock that rolls has none.
         rolling = np.array([mean_radius(*axes) for axes in zip(a, b, strict=True)])
@@ -200,7 +209,7 @@ class _Record:
         return lever * size / cosine
 
     def impacts(self) -> ImpactRows:
-        """Impacts of whole rocks, taken apart along the ground."""
+        """Return impacts of whole rocks, taken apart along the ground."""
         events, index, hit = impacts_of(self._moved.event_logs)
         before, after = events[hit], events[hit + 1]
         line, campaign = np.divmod(index[hit], self._count)
@@ -243,7 +252,10 @@ class _Record:
         )  # fmt: skip
 
     def contacts(self) -> ContactRows:
-        """Contacts of whole rocks in time and place; a rock that rolls or slides stays in one."""
+        """Return contacts of whole rocks in time and place.
+
+        A rock that rolls or slides stays in one.
+        """
         events, index, _ = impacts_of(self._moved.event_logs)
         line, campaign = np.divmod(index, self._count)
         owner = line + campaign * self._n
@@ -280,7 +292,7 @@ class _Record:
     def _under(
         self, events: NDArray[np.void], index: IntArray, hit: IntArray, owner: IntArray
     ) -> tuple[FloatArray, ...]:
-        """Place, height and dip of the ground at impacts, and turn of the path (deg).
+        """Return place, height and dip of the ground at impacts, and turn of the path (deg).
 
         The place is x and y, on profiles the chainage twice; the turn is anticlockwise.
         """
@@ -305,7 +317,7 @@ class _Record:
 
 
 def impacts_of(logs: Sequence[NDArray[np.void]]) -> tuple[NDArray[np.void], IntArray, IntArray]:
-    """Events of blocks one after the other, the block of each, and the rows of impacts."""
+    """Return events of blocks one after the other, the block of each, and the rows of impacts."""
     sizes = np.array([log.size for log in logs], np.int64)
     events = np.empty(int(sizes.sum()), EVENT_DTYPE)
     for log, end in zip(logs, np.cumsum(sizes).tolist(), strict=True):
@@ -316,14 +328,14 @@ def impacts_of(logs: Sequence[NDArray[np.void]]) -> tuple[NDArray[np.void], IntA
 
 
 def _places(grid: Grid, events: NDArray[np.void]) -> tuple[FloatArray, FloatArray]:
-    """X and y of events on paths that are followed (m)."""
+    """Return x and y of events on paths that are followed (m)."""
     x: FloatArray = grid.west + events["u"] * grid.cell_size
     y: FloatArray = grid.north - events["v"] * grid.cell_size
     return x, y
 
 
 def contacts_in(events: NDArray[np.void], index: IntArray) -> tuple[IntArray, IntArray]:
-    """First row of each contact with the ground, and the row in which the rock has left it.
+    """Return first row of each contact with the ground, and the row in which the rock has left it.
 
     ``events``: of several blocks, one after the other (EVENT_DTYPE); ``index``: number of the block
     of each. A contact that the log does not show to its end is none.
@@ -409,14 +421,14 @@ def campaigns(
 
 
 def share_left(case: Case, rock_lines: RockLines, model: HypothesisModel, seed: int) -> float:
-    """Share of the rocks that still move at the edge of the terrain model, or where lines end."""
+    """Return the share of rocks that still move at the terrain's edge or where lines end."""
     released = all_rocks(with_release(case, model.release, rock_lines.end), rock_lines)
     moved = move(case, rock_lines, released, model, seed=seed, count=_COUNTED)
     return float((moved.rocks["reason"] == StopReason.LEFT_PROFILE).mean())
 
 
 def with_release(case: Case, error: ReleaseError, end: FloatArray) -> Case:
-    """The case with rocks that start elsewhere along the line, or faster; lateral offsets apart.
+    """Return case with rocks that start elsewhere along the line, or faster; lateral offsets apart.
 
     ``end``: chainage before which they start (m).
     """
@@ -433,7 +445,7 @@ def with_release(case: Case, error: ReleaseError, end: FloatArray) -> Case:
 
 
 def rock_quantities(case: Case, sample: Campaign) -> dict[str, FloatArray]:
-    """One number per rock and quantity, NaN where there is none."""
+    """Return one number per rock and quantity, NaN where there is none."""
     found: dict[str, FloatArray] = {}
     if (stops := sample.deposits) is not None:
         # -1, of rocks without one, takes the last.

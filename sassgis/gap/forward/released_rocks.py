@@ -48,7 +48,7 @@ class Releases:
 
 @dataclass(frozen=True, slots=True)
 class Moved:
-    """What released rocks did."""
+    """Motion of released rocks."""
 
     #: ROCK_DTYPE. ``line``: row of the releases. ``runout_m``: chainage on the fall line of the
     #: rock, beyond its end straight on.
@@ -56,14 +56,14 @@ class Moved:
     pieces: NDArray[np.void]
     #: PASSAGE_DTYPE; where fall lines cross stations. ``chainage_m``: of the station on the line.
     passages: NDArray[np.void]
-    #: Where they end beside the fall line (m), shape (n_rocks + n_pieces,); 0 on profiles.
+    #: Where they end next to the fall line (m), shape (n_rocks + n_pieces,); 0 on profiles.
     lateral_m: FloatArray
     passed_lateral_m: FloatArray  # shape (n_passages,)
     event_logs: tuple[NDArray[np.void], ...]  # EVENT_DTYPE
 
 
 def all_rocks(case: Case, lines: RockLines) -> Releases:
-    """Every rock of a case where it was released."""
+    """Return every rock of a case where it was released."""
     n = case.n_rocks
     return Releases(np.arange(n), case.blocks, case.start, np.zeros(n), lines.keys)
 
@@ -71,7 +71,7 @@ def all_rocks(case: Case, lines: RockLines) -> Releases:
 def fixed_blocks(
     blocks: Sequence[BlockPopulation], rock: IntArray, **fixed: FloatArray
 ) -> list[BlockPopulation]:
-    """Of each row the population of its rock, with the fixed values of the row."""
+    """Return for each row the population of its rock, with the fixed values of the row."""
     columns: dict[str, Any] = {name: values.tolist() for name, values in fixed.items()}
     return [
         replace(blocks[i], **{name: (values[n], values[n]) for name, values in columns.items()})
@@ -101,7 +101,7 @@ def move(
     start = releases.start
     drawn = bool((start[:, 1] > start[:, 0]).any())
     if drawn:
-        # Each of them starts at a chainage of its own.
+        # Each of them starts at a separate chainage.
         rng = np.random.default_rng([seed, first_rock, 79])
         low, high = np.repeat(start, count, axis=0).T
         s = low + (high - low) * rng.random(n * count)
@@ -135,7 +135,7 @@ def move(
 
 
 def _in_planes(case: Case, rock: IntArray, done: Simulated) -> Moved:
-    """Followed blocks in the planes of the fall lines of their rocks."""
+    """Return followed blocks in the planes of the fall lines of their rocks."""
     ended = np.concatenate([done.rocks, done.pieces])
     s, lateral = in_plane(case, rock[ended["line"]], done.x, done.y)
     rocks, pieces = done.rocks.copy(), done.pieces.copy()
@@ -151,13 +151,13 @@ def _in_planes(case: Case, rock: IntArray, done: Simulated) -> Moved:
 
 
 def in_plane(case: Case, rock: IntArray, x: FloatArray, y: FloatArray) -> tuple[FloatArray, ...]:
-    """Chainage and lateral offset of points on the fall lines of rocks, as of observed ones (m)."""
+    """Project points on the fall lines of rocks: chainage and lateral offset (m), as observed."""
     put = project(case.traces, case.line[rock], x, y, prolonged=True)
     return put.s, put.lateral_m
 
 
 def with_stations_at(case: Case, places: FloatArray) -> Case:
-    """The case with other stations: straight across its commonest fall line at chainages (m)."""
+    """Return case with other stations: straight across its commonest fall line at chainages (m)."""
     line = int(np.bincount(case.line).argmax())
     s = np.clip(places, _ALONG_M, float(case.traces.s[case.traces.offset[line + 1] - 1]) - _ALONG_M)
     behind, ahead = (
@@ -181,7 +181,9 @@ def with_stations_at(case: Case, places: FloatArray) -> Case:
 def _on_map(
     case: Case, rock: IntArray, s: FloatArray, lateral: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Places at chainages of fall lines and beside them; on the line where no height is known.
+    """Return places at chainages of fall lines and next to them.
+
+    They are on the line where no height is known.
 
     Lines go straight on behind their beginning.
     """
@@ -202,7 +204,7 @@ def _on_map(
 
 
 def _stand(stand: ForestStand, s: FloatArray) -> Forest:
-    """A forest on all places, stretches or cells, between two chainages."""
+    """Return a forest on all places, stretches or cells, between two chainages."""
     inside = (s >= stand.s0) & (s <= stand.s1)
     return Forest(
         np.where(inside, stand.stems_per_ha / 1e4, 0.0), np.where(inside, stand.dbh_cm / 100.0, 0.0)

@@ -43,7 +43,7 @@ class Observer:
 
 
 def observer_of(case: Case) -> Observer:
-    """The observer of a case: as its metadata state, else as its tables show."""
+    """Return the observer of a case: as its metadata state, else as its tables show."""
     meta = case.observations.metadata
     seen = observed_campaign(case)
     slowest, apart = 0.0, np.empty(0)
@@ -65,7 +65,7 @@ def observer_of(case: Case) -> Observer:
 
 
 def _times_apart(case: Case, rows: ImpactRows) -> FloatArray:
-    """Times between contacts of a rock that follow each other, as flights take them (s)."""
+    """Return times between contacts of a rock that follow each other, as flights take them (s)."""
     first = np.flatnonzero(rows.rock[:-1] == rows.rock[1:])
     _, dip = case.ground_at(rows.rock[first], rows.s[first])
     level = rows.vt_out[first] * np.cos(dip) + rows.vn_out[first] * np.sin(dip)
@@ -78,7 +78,7 @@ def _times_apart(case: Case, rows: ImpactRows) -> FloatArray:
 
 
 def _missed(case: Case, seen: Campaign) -> float:
-    """Share of the passages that lack among rocks that were seen further down, or lie there."""
+    """Return the share of missing passages among rocks seen further down or lying there."""
     if seen.passages is None:
         return 0.0
     s = case.station_s
@@ -102,7 +102,7 @@ def _missed(case: Case, seen: Campaign) -> float:
 def recorded_contacts(
     observer: Observer, rock: IntArray, time_s: FloatArray, into_mps: FloatArray
 ) -> tuple[IntArray, IntArray]:
-    """Contacts that are recorded, and the last of those that each is taken for one with.
+    """Return contacts that are recorded, and the last of those that each is taken for one with.
 
     Parameters
     ----------
@@ -188,7 +188,10 @@ def rock_lines_of(case: Case) -> RockLines:
 
 
 def _cut_into_stretches(profiles: ProfileSet, first: float) -> ProfileSet:
-    """Profiles with stretches of STRETCH_M for a forest; ``first``: where these begin (m)."""
+    """Return profiles with stretches of STRETCH_M for a forest.
+
+    ``first``: where these begin (m).
+    """
     borders, cells = [], []
     for i in range(len(profiles)):
         s = profiles.vertices(i)[0]
@@ -213,7 +216,7 @@ def _offsets(sizes: ArrayLike) -> IntArray:
 
 
 def _configured_wood(case: Case, first: float, n: int) -> Forest | None:
-    """The forest of the configuration on the stretches: the mean over the lines."""
+    """Return the forest of the configuration on the stretches: the mean over the lines."""
     if case.forest is None:
         return None
     source = case.profiles
@@ -229,7 +232,7 @@ def _configured_wood(case: Case, first: float, n: int) -> Forest | None:
 
 
 def _chainage_of_cells(case: Case) -> FloatArray:
-    """Chainage of the nearest vertex of a fall line, of each cell."""
+    """Return the chainage of the nearest vertex of a fall line, of each cell."""
     if case.terrain is None:
         return np.empty(0)
     grid, traces = case.terrain.grid, case.traces
@@ -240,14 +243,14 @@ def _chainage_of_cells(case: Case) -> FloatArray:
 
 
 def gathered(offset: IntArray, which: IntArray) -> tuple[IntArray, IntArray]:
-    """Offsets and entries of some items of a ragged array, each as often as it is named."""
+    """Return offsets and entries of some items of a ragged array, each as often as it is named."""
     sizes = np.diff(offset)[which]
     new = _offsets(sizes)
     return new, np.repeat(offset[which] - new[:-1], sizes) + np.arange(new[-1])
 
 
 def repeated(profiles: ProfileSet, which: IntArray) -> ProfileSet:
-    """Profiles by number, each as often as it is named."""
+    """Return profiles by number, each as often as it is named."""
     offset, vertex = gathered(profiles.offset, which)
     cell_offset, cell = gathered(profiles.cell_offset, which)
     # Borders are one more than stretches on each profile.
@@ -264,7 +267,7 @@ def repeated(profiles: ProfileSet, which: IntArray) -> ProfileSet:
 
 
 def control_lines_of(case: Case) -> ControlLineCrossings:
-    """Stations on the line of each rock."""
+    """Return stations on the line of each rock."""
     order = np.argsort(case.station_s, axis=1, kind="stable")
     s = np.take_along_axis(case.station_s, order, axis=1)
     crossed = np.isfinite(s)
@@ -277,13 +280,13 @@ def control_lines_of(case: Case) -> ControlLineCrossings:
 
 
 def dips_at(profiles: ProfileSet, profile: IntArray, s: FloatArray) -> FloatArray:
-    """Dip of the segment of a profile at a chainage (m), shape (n,), below zero downhill (rad)."""
+    """Return a profile's dip at a chainage (m), shape (n,), below zero downhill (rad)."""
     k = _segments_at(profiles, profile, s)
     return np.arctan2(profiles.z[k + 1] - profiles.z[k], profiles.s[k + 1] - profiles.s[k])
 
 
 def heights_at_chainage(profiles: ProfileSet, profile: IntArray, s: FloatArray) -> FloatArray:
-    """Height of profiles at chainages (m); parameters as ``dips_at``."""
+    """Return the height of profiles at chainages (m); parameters as ``dips_at``."""
     k = _segments_at(profiles, profile, s)
     share = (np.asarray(s) - profiles.s[k]) / (profiles.s[k + 1] - profiles.s[k])
     return profiles.z[k] + share * (profiles.z[k + 1] - profiles.z[k])

@@ -19,7 +19,7 @@ from sassgis.gap.observations.observed import (
 )
 from sassgis.grid import FloatArray, IntArray
 
-#: Kinds of block: the rock itself, a piece of it, a block that belongs to no rock.
+#: Kinds of block: the rock itself, a fragment of it, a block that belongs to no rock.
 WHOLE, PIECE, LOOSE = 0, 1, 2
 
 
@@ -95,7 +95,7 @@ class Errors:
 
 
 def errors_of(case: Case) -> Errors:
-    """Errors of measurement of the observations of a case."""
+    """Return errors of measurement of the observations of a case."""
     meta, usual = case.observations.metadata, Errors()
     position_m = stated_or(meta.position_error_m, usual.position_m)
     return Errors(
@@ -109,7 +109,7 @@ def errors_of(case: Case) -> Errors:
 
 
 def observed_campaign(case: Case) -> Campaign:
-    """The observed campaign of a case."""
+    """Return the observed campaign of a case."""
     seen = case.observations
     return Campaign(
         case.n_rocks,
@@ -162,9 +162,9 @@ def _impacts(case: Case) -> ImpactRows:
 
 
 def main_blocks(rows: DepositRows, n_rocks: int) -> NDArray[np.int64]:
-    """Row of the largest block that is left of each rock; -1 where none was found.
+    """Return row of the largest block that remains of each rock; -1 where none was found.
 
-    Where masses are unknown the whole rock, or the first piece, counts.
+    Where masses are unknown the whole rock, or the first fragment, counts.
     """
     best = np.full(n_rocks, -1, np.int64)
     own = np.flatnonzero(rows.rock >= 0)

@@ -90,7 +90,7 @@ class Case:
     def group(self) -> IntArray:
         """Group of each rock (block, day, source): what is resampled together, shape (n_rocks,).
 
-        A rock without a group is one of its own.
+        A rock without a group is a group by itself.
         """
         table = self.observations.rocks
         stated = dict(zip(table.rock_id.tolist(), table.group.tolist(), strict=True))
@@ -142,7 +142,7 @@ class Case:
         return tuple(f"{a}-{b}" for a, b in itertools.pairwise(stops))
 
     def reach_of(self, rock: IntArray, s: FloatArray) -> IntArray:
-        """Number of the reach in which points at chainage ``s`` of the lines of rocks lie."""
+        """Find the number of the reach in which points at chainage ``s`` of rocks' lines lie."""
         edges = self.station_s[rock]
         # A line may begin below a station, or pass one by.
         behind = np.where(edges <= np.asarray(s)[:, None], np.arange(1, edges.shape[1] + 1), 0)
@@ -161,16 +161,16 @@ class Case:
     def turns(
         self, rock: IntArray, turn_deg: FloatArray, vt_mps: FloatArray, vn_mps: FloatArray
     ) -> FloatArray:
-        """Turns at contacts of rocks that leave them, by the speed after, fast enough to fly.
+        """Return turns at contacts that rocks leave, by the speed after, fast enough to fly.
 
-        One that is slower than after a fall of its own diameter tumbles over its edges, whichever
+        One that is slower than after a fall of its diameter tumbles over its edges, whichever
         way they point; such turns are NaN, shape (n,) as all arrays. Without a speed they stay.
         """
         fall = 4.0 * self.engine.gravity_mps2 * self.radius_m[rock]
         return np.where(vt_mps**2 + vn_mps**2 < fall, np.nan, turn_deg)
 
     def ground_at(self, rock: IntArray, s: FloatArray) -> tuple[IntArray, FloatArray]:
-        """Ground at chainages ``s`` of the lines of rocks.
+        """Return the ground at chainages ``s`` of the lines of rocks.
 
         Returns
         -------
@@ -245,7 +245,7 @@ def case_of(run: MapRun, seen: Observations, file: Path) -> Case:
 
 
 def drop_and_density(blocks: Sequence[BlockPopulation]) -> tuple[float, float]:
-    """Height above the ground from which blocks are let go, at most (m), and density (kg/m³).
+    """Return the largest height above the ground of releases (m), and the density (kg/m³).
 
     A speed counts as its height; densities as the mean of the middles of their limits.
     """
@@ -255,7 +255,7 @@ def drop_and_density(blocks: Sequence[BlockPopulation]) -> tuple[float, float]:
 
 
 def classes_met(case: Case) -> tuple[str, ...]:
-    """Classes on the fall lines of the rocks, as far down as rocks can have come."""
+    """Return classes on the fall lines of the rocks, as far down as rocks can have come."""
     stops = case.projected["deposits"].s if "deposits" in case.projected else np.empty(0)
     known = np.concatenate([case.station_s.ravel(), stops])
     known = known[np.isfinite(known)]
@@ -265,7 +265,7 @@ def classes_met(case: Case) -> tuple[str, ...]:
         own = (rock >= 0) & np.isfinite(s)
         kind, _ = case.ground_at(rock[own], s[own])
         np.add.at(length, kind[kind >= 0], 1.0)
-    # Impacts alone say nothing of ground without any.
+    # Impacts by themselves say nothing of ground without any.
     limit = _BEYOND * float(known.max()) if known.size else 0.0
     for line in np.unique(case.line).tolist():
         first, last = (int(v) for v in case.profiles.offset[line : line + 2])
@@ -279,7 +279,7 @@ def classes_met(case: Case) -> tuple[str, ...]:
 
 
 def station_traces(case: Case) -> list[tuple[ControlLine, FloatArray]]:
-    """The stations on the map, prolonged, in the order of their names in the case."""
+    """Return the stations on the map, prolonged, in the order of their names in the case."""
     vertices = case.observations.stations.vertices
     return [
         (ControlLine(name, "station"), prolonged(vertices[row], PROLONG_M))
@@ -290,7 +290,7 @@ def station_traces(case: Case) -> list[tuple[ControlLine, FloatArray]]:
 def _fall_lines(
     run: MapRun, observations: Observations, file: Path
 ) -> tuple[TraceSet, IntArray, FloatArray]:
-    """Fall lines, the line of each rock: its own, or one of the configured release points.
+    """Return fall lines, the line of each rock: its own, or one of the configured release points.
 
     The last array is of each line: how far up the slope from the release point it begins (m).
     """
@@ -330,7 +330,7 @@ def _fall_lines(
 def _observed(
     block: BlockPopulation, observations: Observations, i: int | None, mass: float
 ) -> BlockPopulation:
-    """The population of one rock: what was observed is fixed, the rest is drawn as configured.
+    """Return population of one rock: what was observed is fixed, the rest is drawn as configured.
 
     ``i`` is its row in the table of rocks, ``mass`` (kg) is NaN where it is unknown.
     """
@@ -359,7 +359,7 @@ def _observed(
 
 
 def _radius(block: BlockPopulation) -> float:
-    """Radius of the sphere of equal volume of a rock in the middle of its limits (m)."""
+    """Return the radius of the sphere of equal volume of a rock in the middle of its limits (m)."""
     if block.volume_m3 is not None:
         volume = 0.5 * sum(block.volume_m3)
     else:

@@ -108,7 +108,7 @@ def check_observations(
 
 
 def _identifiers(obs: Observations, grid: Grid | None) -> Iterator[ObservationFinding]:
-    """Names that are used twice where they must name one thing."""
+    """Yield findings on names that are used twice where they must name one thing."""
     for name, table in obs.tables.items():
         rows = list(zip(*(getattr(table, column).tolist() for column in table.key), strict=True))
         seen: set[object] = set()
@@ -124,7 +124,7 @@ def _identifiers(obs: Observations, grid: Grid | None) -> Iterator[ObservationFi
 
 
 def _same_stop(obs: Observations, grid: Grid | None) -> Iterator[ObservationFinding]:
-    """Stops of one name: one entered twice, or pieces without a suffix."""
+    """Yield findings on stops of one name: one entered twice, or fragments without a suffix."""
     deposits = obs.deposits
     first: dict[str, list[int]] = {}
     again, pieces = np.zeros(len(deposits), np.bool_), np.zeros(len(deposits), np.bool_)
@@ -148,7 +148,7 @@ def _same_stop(obs: Observations, grid: Grid | None) -> Iterator[ObservationFind
 
 
 def _belonging(obs: Observations, grid: Grid | None) -> Iterator[ObservationFinding]:
-    """Rocks and stations that the other tables know nothing of."""
+    """Yield findings on rocks and stations that the other tables do not name."""
     if len(obs.rocks):
         known = set(obs.rocks.rock_id.tolist())
         for table in (name for name in POINT_TABLES if name != "rocks"):
@@ -189,7 +189,7 @@ def _belonging(obs: Observations, grid: Grid | None) -> Iterator[ObservationFind
 def _sizes(
     obs: Observations, grid: Grid | None, density_kgm3: float
 ) -> Iterator[ObservationFinding]:
-    """Axes, volumes, masses and densities against each other."""
+    """Check axes, volumes, masses and densities against each other."""
     rocks = obs.rocks
     axes = 4.0 / 3.0 * math.pi * rocks.semi_axis_a_m * rocks.semi_axis_b_m * rocks.semi_axis_c_m
     density = np.where(np.isfinite(rocks.density_kgm3), rocks.density_kgm3, density_kgm3)
@@ -233,7 +233,7 @@ def _sizes(
 
 
 def _pieces(obs: Observations, grid: Grid | None) -> Iterator[ObservationFinding]:
-    """Pieces cannot weigh more than their rock."""
+    """Yield findings on fragments that weigh more than their rock."""
     owner, rocks = obs.rock_of("deposits"), np.array(obs.rock_names)
     # Both were weighed.
     error = stated_or(obs.metadata.mass_error_rel, MASS_ERROR_REL)
@@ -256,7 +256,7 @@ def _pieces(obs: Observations, grid: Grid | None) -> Iterator[ObservationFinding
 
 
 def empty_tables(observations: Observations, read: Iterable[str]) -> list[ObservationFinding]:
-    """Tables that are there and hold nothing, and none at all that can be used."""
+    """Return findings on tables that hold nothing, and on none at all that can be used."""
     found = [
         ObservationFinding(
             "warning", "table has no rows", str(observations.files.get(name, "")), name
@@ -285,7 +285,7 @@ _RELEASE_HEIGHT_M = 5.0
 
 
 def check_near_stations(obs: Observations, grid: Grid | None) -> Iterator[ObservationFinding]:
-    """Passages far from the station that they name."""
+    """Yield findings on passages far from the station that they name."""
     passages, lines = obs.passages, station_lines(obs)
     room = max(5.0, SIGMAS * stated_or(obs.metadata.position_error_m, POSITION_ERROR_M))
     far, worst = np.zeros(len(passages), np.bool_), 0.0
@@ -298,7 +298,7 @@ def check_near_stations(obs: Observations, grid: Grid | None) -> Iterator[Observ
 
 
 def check_downhill(obs: Observations, grid: Grid | None) -> Iterator[ObservationFinding]:
-    """Passages of a rock that climb, lie above its release, or are listed out of order."""
+    """Yield findings on passages that climb, lie above the release, or are out of order."""
     passages = obs.passages
     yield from _impacts_above_release(obs, grid)
     if not len(passages):
@@ -313,7 +313,7 @@ def check_downhill(obs: Observations, grid: Grid | None) -> Iterator[Observation
             level = np.where(np.isfinite(level), level, middle)
     room = max(2.0, SIGMAS * stated_or(obs.metadata.height_error_m, HEIGHT_ERROR_M))
     owner, rocks = obs.rock_of("passages"), obs.rocks
-    # For rocks of unknown release the summit says nothing: only their own release counts.
+    # For rocks of unknown release the summit says nothing: only their release counts.
     placed = np.isfinite(rocks.z) | np.isfinite(rocks.x + rocks.y)
     has_release = np.append(obs.of_rocks(placed) == 1.0, False)
     top = tops_m(obs, grid)[owner]
@@ -354,7 +354,7 @@ def _impacts_above_release(obs: Observations, grid: Grid | None) -> Iterator[Obs
 
 
 def check_on_the_dem(obs: Observations, grid: Grid | None) -> Iterator[ObservationFinding]:
-    """Places outside the DEM."""
+    """Yield findings on places outside the DEM."""
     if grid is None:
         return
     west, south, east, north = grid.bounds
@@ -391,7 +391,7 @@ def check_on_the_dem(obs: Observations, grid: Grid | None) -> Iterator[Observati
 
 
 def _why_outside(x: FloatArray, y: FloatArray, grid: Grid) -> str:
-    """A guess at how coordinates missed the DEM."""
+    """Guess how coordinates missed the DEM."""
     if (np.abs(x) <= 180.0).all() and (np.abs(y) <= 90.0).all() and grid.crs:
         return ": the coordinates look like degrees"
     if (grid.cell_of(y, x) >= 0).mean() > 0.5:
@@ -400,7 +400,7 @@ def _why_outside(x: FloatArray, y: FloatArray, grid: Grid) -> str:
 
 
 def check_offsets(obs: Observations, grid: Grid | None) -> Iterator[ObservationFinding]:
-    """Heights in another system than those of the DEM, and single heights far from it."""
+    """Yield findings on heights in another system than the DEM's, and single heights far off."""
     if grid is None:
         return
     limit = max(

@@ -1,7 +1,7 @@
 """Hops between contacts, and what follows from them: passages at stations, numbers of a rock.
 
 Contacts are known in time and place, velocities are not. Between two of them a rock flies: the time
-tells how high, the places how far. Speeds are those of the way between contacts over at least a
+shows how high, the places how far. Speeds are those of the way between contacts over at least a
 second: over a single short hop the errors of the positions would decide.
 """
 
@@ -80,9 +80,9 @@ class _Ways:
     z: FloatArray
 
     def over_a_second(self, i: IntArray, clock_s: FloatArray, values: FloatArray) -> FloatArray:
-        """Change of ``values`` over the second around a time, on the ways on which positions lie.
+        """Return the change of ``values`` over the second around a time, on the ways of positions.
 
-        At the ends of a way the second beside it; NaN on a shorter way.
+        At the ends of a way the second next to it; NaN on a shorter way.
         """
         low, high = self.clock_s[self.first[i]], self.clock_s[self.last[i]]
         start = np.clip(clock_s - 0.5 * SPEED_OVER_S, low, high - SPEED_OVER_S)
@@ -93,14 +93,14 @@ class _Ways:
 
 
 def contact_order(observations: Observations) -> IntArray:
-    """Rows of the table of contacts, those of whole rocks in the order of rock and time."""
+    """Return rows of the table of contacts, those of whole rocks in the order of rock and time."""
     rock = observations.whole_of("contacts")
     order = np.lexsort((observations.contacts.t_start_s, rock))
     return order[rock[order] >= 0]
 
 
 def contacts_of(observations: Observations) -> ContactRows:
-    """Observed contacts of whole rocks, by their place in ``observations.rock_names``."""
+    """Return observed contacts of whole rocks, by their place in ``observations.rock_names``."""
     table, order = observations.contacts, contact_order(observations)
     columns = (
         observations.rock_of("contacts"), table.t_start_s, table.t_end_s, table.x, table.y, table.z,
@@ -110,7 +110,7 @@ def contacts_of(observations: Observations) -> ContactRows:
 
 
 def hops_of(contacts: ContactRows) -> Hops:
-    """The hops between contacts that follow each other.
+    """Return the hops between contacts that follow each other.
 
     A contact of which the place is not known ends a hop and begins the next one all the same: only
     their chords are NaN.
@@ -131,7 +131,7 @@ def hops_of(contacts: ContactRows) -> Hops:
 
 
 def contact_numbers(contacts: ContactRows, radius_m: FloatArray) -> dict[str, FloatArray]:
-    """Numbers of each rock from its contacts, shape (n_rocks,); NaN of rocks without any.
+    """Return numbers of each rock from its contacts, shape (n_rocks,); NaN of rocks without any.
 
     Parameters
     ----------
@@ -149,7 +149,7 @@ def contact_numbers(contacts: ContactRows, radius_m: FloatArray) -> dict[str, Fl
     n = radius_m.size
     hops, ways = hops_of(contacts), _ways_of(contacts)
     number = np.bincount(contacts.rock, minlength=n).astype(np.float64)
-    # On a way of straight pieces the fastest second begins or ends at a contact.
+    # On a way of straight segments the fastest second begins or ends at a contact.
     i = np.tile(np.arange(ways.row.size), 2)
     clock = ways.clock_s[i] + np.repeat([-0.5, 0.5], ways.row.size) * SPEED_OVER_S
     speed = ways.over_a_second(i, clock, ways.way_m) / SPEED_OVER_S
@@ -172,7 +172,7 @@ def contact_numbers(contacts: ContactRows, radius_m: FloatArray) -> dict[str, Fl
 
 
 def passages_of(observations: Observations) -> Passages:
-    """Passages of whole rocks at the stations, from their contacts.
+    """Return passages of whole rocks at the stations, from their contacts.
 
     Where the way from one contact to the next first crosses the line of a station: speed of the
     centre over the second around; spin of the hop; and height, that of the centre of a rock that
@@ -221,7 +221,7 @@ def passages_of(observations: Observations) -> Passages:
 
 
 def with_passages(observations: Observations) -> Observations:
-    """Observations with passages from contacts, if they have contacts and stations but none."""
+    """Add passages from contacts to observations that have contacts and stations but none."""
     seen = observations
     if len(seen.passages) or not len(seen.contacts) or not len(seen.stations):
         return seen
@@ -240,7 +240,7 @@ def with_passages(observations: Observations) -> Observations:
 
 
 def _ways_of(contacts: ContactRows) -> _Ways:
-    """The ways through all places that are known."""
+    """Return the ways through all places that are known."""
     row = np.flatnonzero(np.isfinite(contacts.x + contacts.y))
     rock, middle = contacts.rock[row], contacts.middle_s[row]
     x, y, z = contacts.x[row], contacts.y[row], contacts.z[row]
@@ -257,7 +257,7 @@ def _ways_of(contacts: ContactRows) -> _Ways:
 
 
 def _quantile(rock: IntArray, values: FloatArray, share: float, n_rocks: int) -> FloatArray:
-    """Quantile of the values of each rock, shape (n_rocks,); NaN where it has none."""
+    """Return the quantile of the values of each rock, shape (n_rocks,); NaN where it has none."""
     known = np.isfinite(values)
     rock, values = rock[known], values[known]
     values = values[np.lexsort((values, rock))]

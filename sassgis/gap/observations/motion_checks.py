@@ -30,13 +30,13 @@ from sassgis.gap.observations.tables import TABLES, Column
 from sassgis.grid import FloatArray, Grid, IntArray
 
 _KMH = 3.6
-#: Falls between impacts that tell a scale (m), their least number, and the scale that is certainly
+#: Falls between impacts that show a scale (m), their least number, and the scale that is certainly
 #: wrong.
 _LEAST_FALL_M, _LEAST_FLIGHTS, _SCALE_USUAL = 1.0, 12, 1.05
 #: Rocks, and share of them, from which on speeds that are too fast for the drop speak against the
 #: stated start, which a diagnosis looks for.
 _FEWEST_FAST, _SHARE_FAST = 5, 0.25
-#: Surface speed of a rock over its own speed: rolling is 1, a median of twice that is another unit.
+#: Surface speed of a rock over its speed: rolling is 1, a median of twice that is another unit.
 _SPIN_RATIO = 2.0
 #: Rotations in other units, as multiples of turns, and of radians, per second.
 _TURNS = {
@@ -52,7 +52,7 @@ _MILLISECONDS_MPS = 0.1
 
 
 def check_impacts(obs: Observations, grid: Grid | None) -> Iterator[ObservationFinding]:
-    """Directions, energies and slopes of impacts."""
+    """Check directions, energies and slopes of impacts."""
     impacts = obs.impacts
     inward = impacts.vn_in_mps > 0.0
     known = np.isfinite(impacts.vn_in_mps)
@@ -85,7 +85,7 @@ def _energy_gain(obs: Observations, usable: NDArray[np.bool_]) -> Iterator[Obser
     after = impacts.vt_out_mps**2 + impacts.vn_out_mps**2
     rock = obs.rock_of("impacts")
     radius = np.append(rock_radii_m(obs), np.nan)[rock]
-    # A piece is smaller than its rock; of unknown mass, its spin says nothing.
+    # A fragment is smaller than its rock; of unknown mass, its spin says nothing.
     share = impacts.mass_kg / np.append(rock_masses_kg(obs), np.nan)[rock]
     radius = np.where(obs.is_piece("impacts"), radius * np.cbrt(share), radius)
     # A sphere's 2/5 r²: the rock may turn spin into speed.
@@ -115,7 +115,7 @@ def _energy_gain(obs: Observations, usable: NDArray[np.bool_]) -> Iterator[Obser
 
 
 def check_times(obs: Observations, grid: Grid | None) -> Iterator[ObservationFinding]:
-    """Contacts that end before they start, or after the next one has begun; missing places."""
+    """Yield findings on contacts that end before they start or overlap, and missing places."""
     seen, order = obs.contacts, contact_order(obs)
     early = seen.t_end_s < seen.t_start_s
     if early.any():
@@ -131,7 +131,7 @@ def check_times(obs: Observations, grid: Grid | None) -> Iterator[ObservationFin
 def check_ways(
     obs: Observations, grid: Grid | None, drop_m: float = 0.0
 ) -> Iterator[ObservationFinding]:
-    """Ways between contacts that no fall covers; blocks were let go up to ``drop_m`` above."""
+    """Yield findings on ways that no fall covers; blocks were let go up to ``drop_m`` above."""
     contacts, order = contacts_of(obs), contact_order(obs)
     hops = hops_of(contacts)
     here, there = hops.first, hops.first + 1
@@ -160,7 +160,7 @@ def check_ways(
 
 
 def check_spins(obs: Observations, grid: Grid | None) -> Iterator[ObservationFinding]:
-    """Spins against speeds: the unit of rotation."""
+    """Check spins against speeds: the unit of rotation."""
     radii = np.append(rock_radii_m(obs), np.nan)
     for table, columns in TABLES.items():
         numbers = obs.tables[table].numbers
@@ -183,7 +183,7 @@ def _odd_spins(
     speed: FloatArray,
     radius: FloatArray,
 ) -> Iterator[ObservationFinding]:
-    """Spins in a column that are too fast for the speeds, row by row."""
+    """Yield findings on spins that are too fast for the speeds, row by row."""
     turns = own.unit == "1/s"
     factor = 2.0 * math.pi if turns else 1.0
     unit = f"{'turns' if turns else 'radians'} per second"
@@ -206,7 +206,7 @@ def _odd_spins(
 
 
 def check_trajectory_speeds(obs: Observations, grid: Grid | None) -> Iterator[ObservationFinding]:
-    """Speeds along a path against the path and the clock."""
+    """Check speeds along a path against the path and the clock."""
     path = obs.trajectories
     # Nearer points are apart by the errors of their positions.
     span = max(2.0, 8.0 * stated_or(obs.metadata.position_error_m, POSITION_ERROR_M))
@@ -255,7 +255,7 @@ def check_trajectory_speeds(obs: Observations, grid: Grid | None) -> Iterator[Ob
 
 
 def _apart(points: FloatArray, span: float) -> IntArray:
-    """Points of a path of which each is ``span`` or more from the one before, with the first."""
+    """Thin a path to points ``span`` or more from the one before, with the first."""
     kept = [0]
     for i in range(1, len(points)):
         if ((points[i] - points[kept[-1]]) ** 2).sum() >= span**2:
@@ -264,7 +264,9 @@ def _apart(points: FloatArray, span: float) -> IntArray:
 
 
 def fall_scale(obs: Observations, grid: Grid | None) -> tuple[float, float, int]:
-    """Speeds at impacts over those that the falls between them give: middle, lower bound, flights.
+    """Return speeds at impacts over those that the falls between them give.
+
+    These are the middle, the lower bound and the number of flights.
 
     Energy gained from one impact to the next over that of the fall is the square of it. Air, stems
     and impacts that were not recorded only take energy, so that a scale above 1 is certain. The
@@ -289,7 +291,7 @@ def fall_scale(obs: Observations, grid: Grid | None) -> tuple[float, float, int]
 def check_drops(
     obs: Observations, grid: Grid | None, drop_m: float = 0.0
 ) -> Iterator[ObservationFinding]:
-    """Speeds that no drop explains; blocks were let go up to ``drop_m`` above the ground."""
+    """Yield findings on speeds that no drop explains; blocks were let go up to ``drop_m`` above."""
     top = tops_m(obs, grid, drop_m)
     fast = [(table, own) for table, columns in TABLES.items() for own in columns if own.from_drop]
     scale, certain, flights = fall_scale(obs, grid)
@@ -349,7 +351,7 @@ def check_drops(
             rule, rows = RULES["km/h"], known
             says = f"median {np.median(speed[known]):.1f}; {says}"
         elif not many and missing.size >= max(_FEWEST_FAST, _SHARE_FAST * rocks):
-            # What is missing at a slow contact says little: those that lack most tell the start.
+            # What is missing at a slow contact says little: those that lack most show the start.
             more = float(np.quantile(missing, 0.9))
             words = {"rocks": missing.size, "all": rocks, "more": more}
             yield from RULES["start too low"].at(obs, table, too_fast, says, column, **words)

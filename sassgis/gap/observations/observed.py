@@ -51,7 +51,7 @@ class ObservationFinding:
     left_out: LeftOut = ""  # what is not used because of it
 
     def __str__(self) -> str:
-        """One line that names file, table, column and row."""
+        """Return one line that names file, table, column and row."""
         place = ".".join(filter(None, (self.table, self.column)))
         parts = (self.level, self.file, place, _rows(self.rows), self.problem)
         line = ": ".join(filter(None, parts))
@@ -106,7 +106,7 @@ class Observations:
     def rock_names(self) -> tuple[str, ...]:
         """Names of the rocks, which are the units of resampling.
 
-        Those of the table of rocks, less the pieces listed there; if there is no such table, all
+        Those of the table of rocks, less the fragments listed there; if there is no such table, all
         that turn up anywhere.
         """
         if len(self.rocks):
@@ -118,7 +118,7 @@ class Observations:
         return tuple(dict.fromkeys(root_of(name, known) for name in ids))
 
     def rock_of(self, table: str) -> IntArray:
-        """Place in ``rock_names`` of the rock that each row of a table belongs to.
+        """Return the place in ``rock_names`` of the rock that each row of a table belongs to.
 
         Pieces belong to the rock they broke from. -1: an unattributed block.
         """
@@ -128,24 +128,28 @@ class Observations:
         return np.array([found[name] for name in ids], np.int64)
 
     def is_piece(self, table: str) -> NDArray[np.bool_]:
-        """Whether each row of a table is about a piece of a rock rather than a whole rock."""
+        """Return whether each row of a table is about a fragment rather than a whole rock."""
         owner = self.rock_of(table)
         # Of an unattributed block the last name is taken, which does not count.
         names = np.array([*self.rock_names, ""])[owner]
         return np.asarray((owner >= 0) & (names != self.tables[table].rock_id), np.bool_)
 
     def whole_of(self, table: str) -> IntArray:
-        """Place in ``rock_names`` of the rock of each row; -1: a piece of one, or unattributed."""
+        """Return the place in ``rock_names`` of each row's rock; -1: fragment, or unattributed."""
         return np.where(self.is_piece(table), -1, self.rock_of(table))
 
     def of_rocks(self, values: FloatArray | BoolArray) -> FloatArray:
-        """A column of the table of rocks, in the order of ``rock_names``; NaN for other rocks."""
+        """Return a column of the table of rocks, in the order of ``rock_names``.
+
+        It is NaN for other rocks.
+        """
         stated = dict(zip(self.rocks.rock_id.tolist(), values.tolist(), strict=True))
         return np.array([stated.get(name, math.nan) for name in self.rock_names], np.float64)
 
     def paths_of_rocks(self, needed: FloatArray | float = 0.0) -> dict[int, IntArray]:
-        """Rows of ``trajectories`` of each whole rock by time, those with a place and, if
-        given, a number in ``needed``.
+        """Return rows of ``trajectories`` of each whole rock by time.
+
+        Rows have a place and, if given, a number in ``needed``.
         """
         track = self.trajectories
         if not len(track):
@@ -159,15 +163,18 @@ class Observations:
 
 
 def parent_of(rock_id: str) -> str | None:
-    """Rock that a piece broke from, by its name alone: R7 for R7.2; None without a suffix."""
+    """Return the rock that a fragment broke from, only by its name: R7 for R7.2.
+
+    It is None without a suffix.
+    """
     stem, dot, suffix = rock_id.rpartition(".")
     return stem if dot and stem and suffix else None
 
 
 def root_of(rock_id: str, known: Iterable[str]) -> str:
-    """The whole rock that a name goes back to: of a piece, or of a piece of a piece (R7.2.1).
+    """Return the whole rock that a name goes back to: of a fragment, or a fragment of one (R7.2.1).
 
-    The shortest name in use that is left when suffixes are taken off; the name itself if there is
+    The shortest name in use that remains when suffixes are taken off; the name itself if there is
     none. ``known``: names in use; a set makes it fast.
     """
     found, name = rock_id, rock_id
@@ -179,7 +186,10 @@ def root_of(rock_id: str, known: Iterable[str]) -> str:
 
 
 def rock_masses_kg(observations: Observations) -> FloatArray:
-    """Mass of each rock of ``rock_names`` (kg): as weighed, else from its volume; NaN unknown."""
+    """Return the mass of each rock of ``rock_names`` (kg): as weighed, else from its volume.
+
+    NaN unknown.
+    """
     rocks = observations.rocks
     density = np.where(np.isfinite(rocks.density_kgm3), rocks.density_kgm3, DENSITY_KGM3)
     axes = rocks.semi_axis_a_m * rocks.semi_axis_b_m * rocks.semi_axis_c_m
@@ -189,13 +199,13 @@ def rock_masses_kg(observations: Observations) -> FloatArray:
 
 
 def deposit_masses_kg(observations: Observations) -> FloatArray:
-    """Mass of each deposited block (kg): as weighed, else from its volume; NaN unknown."""
+    """Return mass of each deposited block (kg): as weighed, else from its volume; NaN unknown."""
     own = observations.deposits
     return np.where(np.isfinite(own.mass_kg), own.mass_kg, DENSITY_KGM3 * own.volume_m3)
 
 
 def rock_radii_m(observations: Observations) -> FloatArray:
-    """Radius of the sphere of equal mass of each rock of ``rock_names`` (m); NaN unknown."""
+    """Return radius of the sphere of equal mass of each rock of ``rock_names`` (m); NaN unknown."""
     density = observations.of_rocks(observations.rocks.density_kgm3)
     density = np.where(np.isfinite(density), density, DENSITY_KGM3)
     return np.cbrt(3.0 * rock_masses_kg(observations) / (4.0 * math.pi * density))
@@ -244,7 +254,7 @@ class Rule:
         column: str = "",
         **words: object,
     ) -> Iterator[ObservationFinding]:
-        """The finding of this rule for some rows of a table; none for none of them."""
+        """Yield the finding of this rule for some rows of a table; none for none of them."""
         rows = observations.tables[table].row[which]
         if rows.size:
             yield ObservationFinding(
@@ -360,7 +370,7 @@ RULES: Mapping[str, Rule] = {
 
 
 def nearest_of(name: str, known: Sequence[str]) -> str:
-    """What was expected: known names, and the one most like the one found."""
+    """State what was expected: known names, and the one most like the given one."""
     close = difflib.get_close_matches(name, known, n=1, cutoff=0.6)
     return f"one of {some_of(known)}" + (f"; nearest: {close[0]}" if close else "")
 
@@ -375,12 +385,12 @@ SIGMAS = 3.0
 
 
 def stated_or(value: float, otherwise: float) -> float:
-    """What the metadata state of the measurement, or else what is usual or estimated."""
+    """Return the value that the metadata state, else what is usual or estimated."""
     return value if math.isfinite(value) else otherwise
 
 
 def tops_m(obs: Observations, grid: Grid | None, drop_m: float = 0.0) -> FloatArray:
-    """Height from which each rock came, at most; the last one for unattributed blocks.
+    """Return the height from which each rock came, at most; the last one for unattributed blocks.
 
     Blocks are let go up to ``drop_m`` above the ground, or where their height is stated.
     """
@@ -398,14 +408,17 @@ def tops_m(obs: Observations, grid: Grid | None, drop_m: float = 0.0) -> FloatAr
 
 
 def above_release_m(obs: Observations, grid: Grid | None) -> FloatArray:
-    """Height of each impact above the stated release of its rock (m); NaN where unknown."""
+    """Return height of each impact above the stated release of its rock (m); NaN where unknown."""
     release = np.append(obs.of_rocks(heights_m(obs.rocks, grid)), np.nan)
     found: FloatArray = heights_m(obs.impacts, grid) - release[obs.rock_of("impacts")]
     return found
 
 
 def heights_m(points: Table, grid: Grid | None) -> FloatArray:
-    """Height of each point of a table as stated, else of the ground below (m); NaN unknown."""
+    """Return the height of each point of a table as stated, else of the ground below (m).
+
+    NaN unknown.
+    """
     own = points.numbers
     if grid is None:
         return own["z"]
@@ -413,7 +426,10 @@ def heights_m(points: Table, grid: Grid | None) -> FloatArray:
 
 
 def height_errors_m(points: Table, grid: Grid | None, position_m: float) -> FloatArray:
-    """What an error of the place makes of heights that are those of the ground (m); else 0."""
+    """Return the error of ground heights by an error of the place (m).
+
+    It is 0 for stated heights.
+    """
     own = points.numbers
     if grid is None:
         return np.zeros(len(points))
@@ -431,13 +447,13 @@ def height_errors_m(points: Table, grid: Grid | None, position_m: float) -> Floa
 
 
 def station_lines(obs: Observations) -> dict[str, shapely.LineString]:
-    """Lines of the stations that have one, by name."""
+    """Return lines of the stations that have one, by name."""
     table = zip(obs.stations.station.tolist(), obs.stations.vertices, strict=True)
     return {name: shapely.LineString(vertices) for name, vertices in table if len(vertices) > 1}
 
 
 def station_heights_m(obs: Observations, grid: Grid | None, *, lowest: bool) -> FloatArray:
-    """Ground at the station of each passage: its lowest or middle point."""
+    """Return the ground at the station of each passage: its lowest or middle point."""
     if grid is None:
         return np.full(len(obs.passages), np.nan)
     heights = {}

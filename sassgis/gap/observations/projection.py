@@ -1,7 +1,7 @@
 """Observed points on fall lines: chainage, offset to the side, height above the ground.
 
 A rock moves in space, the model in the plane of its fall line. What was observed is put into that
-plane by the nearest point of the fall line that starts at the rock's own release point.
+plane by the nearest point of the fall line that starts at the rock's release point.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from sassgis.terrain.release import point_keys
 _END_M = 1e-6
 #: Length at the end of a line that gives its direction beyond (m).
 _LAST_M = 10.0
-#: Stations are prolonged by this much: a fall line may pass just beside one (m).
+#: Stations are prolonged by this much: a fall line may pass just next to one (m).
 PROLONG_M = 100.0
 
 
@@ -53,9 +53,9 @@ class StationChainages:
 
 
 def observed_release_points(observations: Observations) -> tuple[ReleasePoints, IntArray]:
-    """Release points of the rocks that have one, for tracing their fall lines.
+    """Return the release points of the rocks that have one, for tracing their fall lines.
 
-    Each rock is an area of its own, named after it: its random draws do not depend on which other
+    Each rock is a separate area, named after it: its random draws do not depend on which other
     rocks were observed.
 
     Returns
@@ -73,7 +73,7 @@ def observed_release_points(observations: Observations) -> tuple[ReleasePoints, 
 
 
 def nearest_lines(traces: TraceSet, x: FloatArray, y: FloatArray) -> IntArray:
-    """Line nearest to each point (m), for blocks of which the release is not known, shape (n,).
+    """Find the line nearest to each point (m), for blocks of unknown release, shape (n,).
 
     The first of equally near ones; -1 for a missing point or if there are no lines.
     """
@@ -115,7 +115,7 @@ def project(
     z : float64, shape (n,), optional
         Heights (m).
     grid : Grid, optional
-        The ground under the points. This is what a height above the ground refers to: beside the
+        The ground under the points. This is what a height above the ground refers to: next to the
         line the ground has another height than on it.
     prolonged : bool
         Whether lines go straight on beyond their end.
@@ -143,7 +143,7 @@ def project(
 def _past_the_end(
     traces: TraceSet, line: IntArray, x: FloatArray, y: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Chainage and lateral offset of points beyond the ends of their lines (m)."""
+    """Return the chainage and lateral offset of points beyond the ends of their lines (m)."""
     last = traces.offset[line + 1] - 1
     first_s = traces.s[traces.offset[line]]
     lx, ly, ls = traces.x[last], traces.y[last], traces.s[last]
@@ -157,7 +157,7 @@ def _past_the_end(
 def _beyond(
     traces: TraceSet, line: IntArray, x: FloatArray, y: FloatArray, s: FloatArray
 ) -> NDArray[np.int8]:
-    """Points past the ends of their lines, or behind the starts, along the last and first piece."""
+    """Project points beyond the ends of their lines along the last and first segment."""
     first, last = traces.offset[line], traces.offset[line + 1] - 1
     second, before = np.minimum(first + 1, last), np.maximum(last - 1, first)
     lx, ly, ls = traces.x, traces.y, traces.s
@@ -209,10 +209,10 @@ def project_observations(
 def station_chainages(
     traces: TraceSet, stations: Stations, *, prolong_m: float = 0.0
 ) -> StationChainages:
-    """Where each fall line crosses each station.
+    """Find where each fall line crosses each station.
 
     Stations are prolonged straight on at both ends by ``prolong_m`` (m): a fall line may pass just
-    beside a line across the slope that every rock crossed.
+    next to a line across the slope that every rock crossed.
     """
     s, middle = np.full((len(traces), len(stations)), np.nan), np.full(len(stations), np.inf)
     for j, vertices in enumerate(stations.vertices):
@@ -227,7 +227,7 @@ def station_chainages(
 
 
 def prolonged(vertices: FloatArray, by_m: float) -> FloatArray:
-    """A line prolonged straight on at both ends."""
+    """Return a line prolonged straight on at both ends."""
     if by_m <= 0.0:
         return vertices
     steps = np.diff(vertices, axis=0)

@@ -1,4 +1,4 @@
-"""What was observed on a slope: rocks, stations, passages, impacts, contacts, stops, paths.
+"""Observations on a slope: rocks, stations, passages, impacts, contacts, stops, paths.
 
 Every table and every column but the identifiers may be missing. A missing number is NaN; a table
 says by ``present`` which of its columns hold any. SI units, in the name of the column.
@@ -51,7 +51,7 @@ def _coordinate(name: str, what: str, *stems: str) -> Column:
 
 
 def _columns_of(declaring: type) -> tuple[Column, ...]:
-    """Columns that the fields of a dataclass are annotated with."""
+    """Return columns that the fields of a dataclass are annotated with."""
     return tuple(
         replace(column, name=name)
         for name, hint in get_type_hints(declaring, include_extras=True).items()
@@ -75,7 +75,7 @@ T = TypeVar("T", bound="Table")
 
 
 class Table:
-    """What the tables have in common; each is a frozen dataclass of arrays of one length.
+    """Base of the tables; each is a frozen dataclass of arrays of one length.
 
     Its fields are the schema: name, unit, meaning and limits of each column stand there. Reading,
     template, checks, what is identifiable and ``docs/observations.md`` follow from it.
@@ -95,7 +95,7 @@ class Table:
 
     @classmethod
     def columns(cls) -> tuple[Column, ...]:
-        """Columns of a file of this table, in the order of a template."""
+        """Return columns of a file of this table, in the order of a template."""
         return _columns_of(cls)
 
     @classmethod
@@ -145,7 +145,7 @@ class Table:
         return frozenset(k for k, v in self.numbers.items() if bool(np.isfinite(v).any()))
 
     def take(self: T, which: IntArray | NDArray[np.bool_]) -> T:
-        """Rows by number or mask."""
+        """Return rows by number or mask."""
         index = np.arange(len(self))[which]
         taken = {
             f.name: tuple(getattr(self, f.name)[i] for i in index)
@@ -204,7 +204,7 @@ class Stations(Table):
 
     @classmethod
     def columns(cls) -> tuple[Column, ...]:
-        """The name, and the ends of the line."""
+        """Return the name, and the ends of the line."""
         return (
             *_columns_of(cls),
             *(

@@ -1,6 +1,6 @@
 """Paths in time: what happens between impacts, in the air and along the ground.
 
-Between two impacts the model knows gravity alone in the air, and friction alone on the ground. A
+Between two impacts the model knows only gravity in the air, and only friction on the ground. A
 path that is bent otherwise, or loses speed on it, shows what acts there: air, stems, or a
 wrong scale or time base of the measurement.
 """
@@ -65,7 +65,7 @@ _Bounds = tuple[IntArray, IntArray]
 
 @dataclass(frozen=True, slots=True)
 class _Piece:
-    """What one flight or stretch along the ground says: value, prediction, weight by quantity."""
+    """One flight or stretch along the ground: value, prediction, weight by quantity."""
 
     rock: int
     s: float
@@ -75,7 +75,7 @@ class _Piece:
 def path_residuals(
     case: Case, model: RunModel, edges: FloatArray, axes_m: FloatArray
 ) -> list[Residual]:
-    """Residuals of flights and of stretches along the ground, by reach and over all.
+    """Return residuals of flights and of stretches along the ground, by reach and over all.
 
     Weighted by how closely each flight is measured.
 
@@ -103,7 +103,7 @@ def path_residuals(
 def struck_above_ground(
     case: Case, axes_m: FloatArray
 ) -> tuple[IntArray, FloatArray, FloatArray, FloatArray, FloatArray]:
-    """The surest loss of speed on each path in time that the ground cannot have made.
+    """Return the surest loss of speed on each path in time that the ground cannot have made.
 
     Whatever the ground does, its impulse lies in a cone about its normal: friction and tilts of
     single spots make it as wide as they can. Several contacts together stay in it, as it is convex.
@@ -131,7 +131,7 @@ def struck_above_ground(
 
 
 def _struck(case: Case, path: _Path) -> tuple[float, float, float, float] | None:
-    """Chainage of the surest loss beyond the cone, speed before and after, and the error."""
+    """Return chainage of the surest loss beyond the cone, speed before and after, and the error."""
     g, n = case.engine.gravity_mps2, path.t.size
     t = path.t - path.t[0]
     # A path without contacts is a straight line in these.
@@ -169,7 +169,7 @@ def _struck(case: Case, path: _Path) -> tuple[float, float, float, float] | None
 def _lines(
     t: FloatArray, places: FloatArray, first: IntArray, last: IntArray
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Straight lines in time through points first to last - 1, for many of these at once.
+    """Return straight lines in time through points first to last - 1, for many of these at once.
 
     Returns
     -------
@@ -195,7 +195,7 @@ def _lines(
 def air_of_flights(
     case: Case, axes_m: FloatArray
 ) -> tuple[IntArray, FloatArray, FloatArray, FloatArray, FloatArray]:
-    """What bends flights in plan, where gravity does nothing; parameters as ``path_residuals``.
+    """Compute what bends flights in plan, where gravity does not; parameters as ``path_residuals``.
 
     Returns
     -------
@@ -221,7 +221,7 @@ def air_of_flights(
 
 
 def _columns(rows: Sequence[tuple[int, float, float, float, float]]) -> tuple[IntArray, FloatArray]:
-    """Rocks, and the four numbers of each row, shape (4, n)."""
+    """Return rocks, and the four numbers of each row, shape (4, n)."""
     values = np.array(rows, np.float64).reshape(-1, 5)
     return values[:, 0].astype(np.int64), values[:, 1:].T
 
@@ -274,13 +274,16 @@ class _Path:
 
 
 def _rolling_radius(axes_m: FloatArray) -> FloatArray:
-    """Radius of each rock on which it rolls: it stands on a circle between its longer axes (m)."""
+    """Return the radius of each rock on which it rolls.
+
+    It stands on a circle between its longer axes (m).
+    """
     radius: FloatArray = 0.5 * (axes_m[:, :, 0] + axes_m[:, :, 1]).mean(axis=1)
     return radius
 
 
 def _bounded(case: Case, round_m: FloatArray) -> Iterator[tuple[_Path, _Bounds, bool]]:
-    """Each path, the points between which its impacts happened, and whether these are known."""
+    """Yield each path, the points between which its impacts happened, and if these are known."""
     seen, put = case.observations, case.projected["trajectories"]
     track = seen.trajectories
     columns = (track.t_s, track.x, track.y, track.z, put.s, track.speed_mps, track.rotation_hz)
@@ -296,7 +299,7 @@ def _bounded(case: Case, round_m: FloatArray) -> Iterator[tuple[_Path, _Bounds, 
 
 
 def _smooth(values: FloatArray) -> FloatArray:
-    """Mean over five points, fewer at the ends."""
+    """Return the mean over five points, fewer at the ends."""
     n = values.size
     sums = np.concatenate([[0.0], np.cumsum(values)])
     i = np.arange(n)
@@ -306,7 +309,7 @@ def _smooth(values: FloatArray) -> FloatArray:
 
 
 def _impact_points(case: Case) -> dict[int, tuple[FloatArray, FloatArray]]:
-    """X and y of the impacts of each whole rock (m)."""
+    """Return x and y of the impacts of each whole rock (m)."""
     impacts = case.observations.impacts
     rock = case.observations.whole_of("impacts")
     own = (rock >= 0) & np.isfinite(impacts.x + impacts.y)
@@ -317,7 +320,7 @@ def _impact_points(case: Case) -> dict[int, tuple[FloatArray, FloatArray]]:
 
 
 def _bounds(path: _Path, x: FloatArray, y: FloatArray, error_m: float) -> _Bounds:
-    """Points of a path between which its impacts happened, rising; empty if none are known.
+    """Return points of a path between which its impacts happened, rising; empty if none are known.
 
     An impact is known by its position: among points that lie closer than the error of positions it
     may have happened at any.
@@ -333,7 +336,7 @@ def _bounds(path: _Path, x: FloatArray, y: FloatArray, error_m: float) -> _Bound
 
 
 def _flights(case: Case, path: _Path, bounds: _Bounds, impacted: bool) -> list[slice]:
-    """Flights between impacts; where none are known, stretches high enough above the ground.
+    """Return flights between impacts; where none are known, stretches high enough above the ground.
 
     Light contacts are not always noted: what touched the ground on the way is no flight.
     """
@@ -351,7 +354,7 @@ def _flights(case: Case, path: _Path, bounds: _Bounds, impacted: bool) -> list[s
 
 
 def _touched(t: FloatArray, z: FloatArray, error_m: float, gravity: float) -> bool:
-    """Whether a path between two contacts shows by its heights that it met the ground between."""
+    """Return whether a path's heights show that it met the ground between two contacts."""
     t = t - t.mean()
     smooth, sizes = np.linalg.qr(np.column_stack([np.ones(t.size), t, t * t]))
     # What a change of the last coefficient by one makes of the heights.
@@ -365,7 +368,7 @@ def _touched(t: FloatArray, z: FloatArray, error_m: float, gravity: float) -> bo
     rest = z - smooth @ (smooth.T @ z)
     size = (kinks**2).sum(axis=0)
     upward = kinks.T @ rest / size
-    # What fits best: beside a kink downwards, as a stem makes one, others seem to go up.
+    # What fits best: next to a kink downwards, as a stem makes one, others seem to go up.
     best = int(np.argmax(upward**2 * size))
     kink, own = float(upward[best]), float(size[best])
     left = max(float(rest @ rest) - kink**2 * own, 0.0) / (t.size - 4)
@@ -373,13 +376,13 @@ def _touched(t: FloatArray, z: FloatArray, error_m: float, gravity: float) -> bo
 
 
 def _runs(mask: BoolArray) -> list[tuple[int, int]]:
-    """First and one past the last of each run of true values."""
+    """Return the first and one past the last of each run of true values."""
     edge = np.flatnonzero(np.diff(np.concatenate([[False], mask, [False]]).astype(np.int8)))
     return list(zip(edge[::2].tolist(), edge[1::2].tolist(), strict=True))
 
 
 def _fitted(case: Case, path: _Path, own: slice) -> _Piece:
-    """Accelerations by parabolas, and the change of speed that gravity does not make."""
+    """Return accelerations by parabolas, and the change of speed that gravity does not make."""
     bend, g = _bend(path, own), case.engine.gravity_mps2
     values = {"vertical_acceleration_mps2": (bend.up, -g, bend.weight)}
     if bend.level > 0.0:
@@ -407,7 +410,7 @@ class _Stretch:
 
 
 def _along_ground(path: _Path, bounds: _Bounds, radius_m: float) -> list[_Stretch]:
-    """Stretches on which a rock stays low and does not strike."""
+    """Return stretches on which a rock stays low and does not strike."""
     low = np.abs(path.above) < CLEAR_M
     low &= np.isfinite(path.speed) & (path.speed > _LEAST_SPEED_MPS)
     for first, last in zip(*bounds, strict=True):
@@ -431,7 +434,7 @@ def _along_ground(path: _Path, bounds: _Bounds, radius_m: float) -> list[_Stretc
 def _rolled(
     case: Case, model: RunModel, stretches: list[_Stretch], round_m: FloatArray
 ) -> list[_Piece]:
-    """Acceleration on stretches along the ground, against that of the model's rocks.
+    """Return the acceleration on stretches along the ground, against that of the model's rocks.
 
     ``round_m``: radius at which they roll, by rock (m). Accelerations are along the chainage.
     """
@@ -498,7 +501,7 @@ def _rolled(
 
 
 def _by_reach(case: Case, edges: FloatArray, pieces: list[_Piece], phase: str) -> list[Residual]:
-    """Weighted means over the pieces of each rock, by reach and over all."""
+    """Return weighted means over the segments of each rock, by reach and over all."""
     if not pieces:
         return []
     rock = np.array([p.rock for p in pieces], np.int64)

@@ -49,7 +49,7 @@ _STEPS = 48
 
 @kernel
 def orientation_at_contact(a: float, b: float, phase: float, vn: float, omega: float) -> float:
-    """Orientation in which a turning ellipse that comes down first touches the ground.
+    """Return the orientation in which a turning ellipse that comes down first touches the ground.
 
     A tumbling rock does not land in every orientation alike: its long axis strikes first. Its
     centre is let down from the height of the longer semi-axis at a constant speed, turning.
@@ -102,7 +102,7 @@ def impact_draws(
     effects: hooks.Effects | None,
     out: FloatArray,
 ) -> None:
-    """What the engine makes of observed states before impacts.
+    """Compute what the engine makes of observed states before impacts.
 
     Parameters
     ----------
@@ -188,7 +188,7 @@ _ALONG_MPS = 1.0
 def impact_residuals(
     case: Case, model: HypothesisModel, run: FreeRun, edges: FloatArray, *, rng: np.random.Generator
 ) -> list[Residual]:
-    """Residuals of single impacts by reach and by class of ground.
+    """Return residuals of single impacts by reach and by class of ground.
 
     Where blocks of the model leave the fall line on profiles, turns are left out. ``run`` has the
     semi-axes of the rocks and the turns of their paths; ``edges``: limits of the reaches (m), shape
@@ -229,7 +229,7 @@ class ImpactsInFlight:
     has_spin: NDArray[np.bool_]
 
     def take(self, rows: IntArray) -> ImpactsInFlight:
-        """Some of them."""
+        """Select some of the rows."""
         columns = {f.name: getattr(self, f.name) for f in fields(self) if f.name != "impacts"}
         chosen = {name: values[rows] for name, values in columns.items()}
         return ImpactsInFlight(self.impacts.take(rows), **chosen)
@@ -238,7 +238,7 @@ class ImpactsInFlight:
 def impacts_in_flight(
     case: Case, axes_m: FloatArray, rows: IntArray, m: int
 ) -> ImpactsInFlight | None:
-    """Impacts after flights among some rows of the table; None if there are none.
+    """Return impacts after flights among some rows of the table; None if there are none.
 
     Parameters
     ----------
@@ -272,7 +272,7 @@ def impacts_in_flight(
 def rebound_draws(
     case: Case, model: HypothesisModel, observed: ImpactsInFlight, rng: np.random.Generator
 ) -> FloatArray:
-    """v_t, v_n, ω after each impact in the model, shape (n, m, 3), with errors of measurement.
+    """Return v_t, v_n, ω after impacts in the model, shape (n, m, 3), with measurement errors.
 
     NaN where the model would not have the rock rebound but roll.
     """
@@ -307,7 +307,7 @@ def rebound_draws(
 
 
 def usable_impacts(case: Case, axes_m: FloatArray) -> NDArray[np.bool_]:
-    """Impacts of whole rocks of known size with velocities before and after, row by row."""
+    """Return impacts of whole rocks of known size with velocities before and after, row by row."""
     impacts = case.observations.impacts
     rock = case.observations.whole_of("impacts")
     states = impacts.vt_in_mps + impacts.vn_in_mps + impacts.vt_out_mps + impacts.vn_out_mps
@@ -366,7 +366,7 @@ def _after_rebound(
     inertia: FloatArray,
     before: FloatArray,
 ) -> dict[str, FloatArray]:
-    """What is compared of impacts by v_t, v_n, ω after them; NaN where rocks do not rebound.
+    """Compute what is compared of impacts from v_t, v_n, ω after them; NaN without a rebound.
 
     ``before``: twice the energy per mass before (m²/s²).
     """
@@ -386,7 +386,7 @@ def _after_rebound(
 def _from_flight(
     impacts: Impacts, rock: IntArray, s: FloatArray, dip: FloatArray, gravity: float
 ) -> NDArray[np.bool_]:
-    """Whether the rock can have flown to an impact from the one before.
+    """Return whether the rock can have flown to an impact from the one before.
 
     Farther away than a flight from there reaches it came along the ground.
     """
@@ -420,7 +420,7 @@ def turn_of_lines(case: Case, rock: IntArray, s: FloatArray) -> FloatArray:
 
 
 def turn_error(case: Case, line_turn: FloatArray) -> FloatArray:
-    """Standard deviation of measured turns about those of the fall lines (°)."""
+    """Return the standard deviation of measured turns about those of the fall lines (°)."""
     return np.hypot(errors_of(case).turn_deg, _LINE_SHARE * line_turn)
 
 
@@ -432,7 +432,7 @@ def _turns(
     turn_deg: FloatArray,
     made: Sequence[ImpactRows],
 ) -> list[Residual]:
-    """Turns in plan against those of followed paths on the same reach.
+    """Return turns in plan against those of followed paths on the same reach.
 
     Where the model keeps to fall lines they are compared with the turns of these, and their scatter
     with what is usual in measured directions.
@@ -471,7 +471,7 @@ def _turns(
 def _reach_places(
     case: Case, edges: FloatArray, rock: IntArray, s: FloatArray
 ) -> Iterator[tuple[str, NDArray[np.bool_], float, float]]:
-    """Name, rows and limits of each reach."""
+    """Yield name, rows and limits of each reach."""
     reach = case.reach_of(rock, s)
     for k, name in enumerate(case.reaches):
         yield name, reach == k, float(edges[k, 0]), float(edges[k, 1])
@@ -480,7 +480,7 @@ def _reach_places(
 def _ground_places(
     s: FloatArray, kind: IntArray, names: Sequence[str]
 ) -> Iterator[tuple[str, NDArray[np.bool_], float, float]]:
-    """Name, rows and limits of each class of ground."""
+    """Yield name, rows and limits of each class of ground."""
     for k, name in enumerate(names):
         inside = kind == k
         if inside.any():

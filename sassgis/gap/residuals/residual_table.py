@@ -81,13 +81,13 @@ class StepTable:
         return int(self.rock.size)
 
     def of(self, step: str, quantity: str) -> StepTable:
-        """Rows of one quantity that have an observed and a predicted value."""
+        """Return rows of one quantity that have an observed and a predicted value."""
         own = (self.step == step) & (self.quantity == quantity)
         own &= np.isfinite(self.observed) & np.isfinite(self.predicted) & (self.sd > 0.0)
         return self.where(own)
 
     def where(self, chosen: NDArray[np.bool_]) -> StepTable:
-        """Some of the rows."""
+        """Select some of the rows."""
         return StepTable(*(getattr(self, f.name)[chosen] for f in fields(self)))
 
     @property
@@ -103,7 +103,7 @@ MODEL_FLIGHT = "flight of the model"
 def steps_of(
     case: Case, model: HypothesisModel, run: FreeRun, rng: np.random.Generator
 ) -> StepTable:
-    """The table of residuals of a case; ``run``: its replicates of the rocks."""
+    """Return the table of residuals of a case; ``run``: its replicates of the rocks."""
     flat = run.axes_m[:, :, 2].mean(axis=1) / run.axes_m[:, :, 1].mean(axis=1)
     parts = [
         *_impacts(case, model, run.axes_m, rng),
@@ -160,13 +160,13 @@ def _impacts(
 
 
 def _mean_and_sd(draws: FloatArray, least: int = 2) -> tuple[FloatArray, FloatArray]:
-    """Over the last axis, missing ones left out; NaN where there are too few."""
+    """Compute mean and deviation over the last axis without missing values; NaN where too few."""
     mean = mean_of_draws(draws, least)
     return mean, np.sqrt(mean_of_draws((draws - mean[..., None]) ** 2, least))
 
 
 def _flights(case: Case, rows: ImpactRows | None, step: str) -> list[_Part]:
-    """Energy at the end of flights between impacts, against that at their start and the fall."""
+    """Compare energy at the end of flights between impacts with that at the start and the fall."""
     if rows is None or rows.rock.size < 2:
         return []
     errors = errors_of(case)
@@ -200,7 +200,7 @@ def _flights(case: Case, rows: ImpactRows | None, step: str) -> list[_Part]:
 
 
 def _paths(case: Case, axes_m: FloatArray) -> list[_Part]:
-    """What paths in time show: the surest loss on each, and what air does on flights."""
+    """Compute from paths in time the surest loss on each, and what air does on flights."""
     rock, s, before, after, sd = struck_above_ground(case, axes_m)
     struck: _Part = {
         "rock": rock, "step": "aloft", "quantity": "speed_mps",
@@ -220,7 +220,7 @@ def _paths(case: Case, axes_m: FloatArray) -> list[_Part]:
 def _first_contacts(
     case: Case, rows: ImpactRows | None, recorded: Sequence[ImpactRows]
 ) -> list[_Part]:
-    """Chainage of the first contact, against that in the model as the observer records it."""
+    """Compare the chainage of the first contact with the model's as the observer records it."""
     if rows is None:
         return []
     observed, *found = (_first_chainage(one, case.n_rocks) for one in (rows, *recorded))
@@ -230,7 +230,7 @@ def _first_contacts(
     known = np.isfinite(observed) & np.isfinite(predicted)
     if not known.any():
         return []
-    # Few runs of each rock: all of them tell the scatter.
+    # Few runs of each rock: all of them show the scatter.
     sd = math.hypot(math.sqrt(float(scatter[known].mean())), side_error(case))
     return [
         {
@@ -241,7 +241,7 @@ def _first_contacts(
 
 
 def _first_chainage(rows: ImpactRows, n_rocks: int) -> FloatArray:
-    """Of the uppermost contact of each rock (m), shape (n_rocks,); NaN for rocks without one."""
+    """Find the chainage of each rock's uppermost contact (m), shape (n_rocks,); NaN without one."""
     first = np.full(n_rocks, np.inf)
     own = rows.rock >= 0
     np.fmin.at(first, rows.rock[own], rows.s[own])
@@ -264,7 +264,7 @@ def _runs(case: Case, run: FreeRun) -> list[_Part]:
 
 
 def _offset(case: Case, draws: FloatArray, *, stop: bool = False) -> tuple[FloatArray, FloatArray]:
-    """Mean lateral offset in the model and its standard deviation, with the error of the line."""
+    """Return the model's mean lateral offset and its deviation, with the error of the line."""
     error = np.full(len(draws), side_error(case, stop))
     if case.terrain is None:
         return np.zeros(len(draws)), error
@@ -305,7 +305,7 @@ def residuals_of(
 ) -> ResidualTable:
     """Compare a case with a model, its errors of release and measurement apart.
 
-    ``configured_model`` gives that of the configuration. ``replicates``: runs of each rock.
+    ``configured_model`` returns that of the configuration. ``replicates``: runs of each rock.
     """
     rng = np.random.default_rng([seed, 31])
     running = RunModel.of(case, model, seed)
@@ -325,7 +325,7 @@ def residuals_of(
 def residuals_with(
     case: Case, model: HypothesisModel, *, seed: int, replicates: int = REPLICATES
 ) -> tuple[Case, ResidualTable]:
-    """Residuals of the base with a cause in it, and the case as that cause leaves it.
+    """Return residuals of the base with a cause in it, and the case as that cause leaves it.
 
     Rocks start where and as fast as the error of the release has them; what instruments scale is
     scaled back. Offsets from fall lines are no part of the motion on them.
@@ -336,7 +336,7 @@ def residuals_with(
 
 
 def _scaled_back(case: Case, error: MeasurementError) -> Case:
-    """The case with speeds, heights and spins as they are without an error of the instruments."""
+    """Return the case with speeds, heights and spins freed of an error of the instruments."""
     scale, spin, rotation = error.scale, error.spin_scale, error.rotation_scale
     factors = {
         "passages": {"speed_mps": scale, "height_m": scale, "rotation_hz": rotation},
@@ -355,7 +355,7 @@ def _scaled_back(case: Case, error: MeasurementError) -> Case:
 
 
 def reach_edges(case: Case, run: FreeRun) -> FloatArray:
-    """Chainages between which reaches lie, mean over rocks (m), shape (n_reaches, 2).
+    """Return chainages between which reaches lie, mean over rocks (m), shape (n_reaches, 2).
 
     The last reach ends where the last rock lies, observed or simulated.
     """

@@ -14,13 +14,13 @@ _MOST = 4_000_000
 
 
 def _as_matrix(values: FloatArray) -> FloatArray:
-    """Rows by quantities; a single quantity may come as a vector."""
+    """Return rows by quantities; a single quantity may come as a vector."""
     array = np.asarray(values, np.float64)
     return array[:, None] if array.ndim == 1 else array
 
 
 def rock_means(values: FloatArray, rock: IntArray) -> tuple[FloatArray, IntArray]:
-    """Mean of each quantity over the rows of each rock, missing ones left out.
+    """Return the mean of each quantity over the rows of each rock, missing ones left out.
 
     Parameters
     ----------
@@ -45,7 +45,7 @@ def rock_means(values: FloatArray, rock: IntArray) -> tuple[FloatArray, IntArray
 
 
 def t_statistics(values: FloatArray) -> FloatArray:
-    """Mean over its standard error, column by column, missing entries left out; shape (k,).
+    """Return mean over its standard error, column by column, missing entries left out; shape (k,).
 
     NaN with fewer than three rocks; infinite for equal values other than zero. ``values``: one row
     per rock (see ``rock_means``), shape (n, k).
@@ -61,7 +61,7 @@ def _t(sums: FloatArray, squares: FloatArray, count: IntArray) -> FloatArray:
     with np.errstate(invalid="ignore", divide="ignore"):
         mean = sums / count
         variance = np.maximum(squares / count - mean**2, 0.0) * count / (count - 1)
-        # What is left of equal values is rounding.
+        # What remains of equal values is rounding.
         variance = np.where(variance < 1e-14 * mean**2, 0.0, variance)
         t = mean / np.sqrt(variance / count)
     t = np.where(sums == 0.0, 0.0, t)
@@ -69,7 +69,7 @@ def _t(sums: FloatArray, squares: FloatArray, count: IntArray) -> FloatArray:
 
 
 def max_t_adjusted(statistic: FloatArray, null: FloatArray) -> FloatArray:
-    """P-values adjusted for the number of comparisons, by the largest statistic under the null.
+    """Adjust p-values for the number of comparisons by the largest statistic under the null.
 
     P. H. Westfall and S. S. Young (1993, Resampling-based multiple testing): the chance of even one
     false finding is kept below the level, and what the comparisons have in common is used. Each
@@ -101,7 +101,7 @@ def max_t_adjusted(statistic: FloatArray, null: FloatArray) -> FloatArray:
 
 
 def holm_adjusted(p: FloatArray) -> FloatArray:
-    """P-values, shape (k,), adjusted for their number, whatever their dependence.
+    """Return P-values, shape (k,), adjusted for their number, whatever their dependence.
 
     S. Holm (1979, A simple sequentially rejective multiple test procedure, Scand. J. Stat. 6,
     65-70).
@@ -116,7 +116,7 @@ def holm_adjusted(p: FloatArray) -> FloatArray:
 def mean_gap_tests(
     values: FloatArray, *, draws: int, rng: np.random.Generator, unit: IntArray | None = None
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Which mean gaps differ from zero, adjusted for the number of them.
+    """Test which mean gaps differ from zero, adjusted for their number.
 
     Under the null the signs of all entries of a unit may be flipped together: exact if gaps are
     symmetric about zero. Of our own making: ``scipy.stats.permutation_test`` flips signs as well,
@@ -127,7 +127,7 @@ def mean_gap_tests(
     values : float64, shape (n, k)
         Observed minus predicted, one row per rock; NaN where not measured.
     unit : int64, shape (n,), optional
-        Unit of each rock, from 0; default: each is one of its own.
+        Unit of each rock, from 0; default: each is a separate one.
 
     Returns
     -------
@@ -156,7 +156,7 @@ def mean_gap_tests(
 
 
 def false_discovery_adjusted(p: FloatArray) -> FloatArray:
-    """P-values adjusted so that the share of false ones among the findings stays below the level.
+    """Adjust p-values so that the share of false findings stays below the level.
 
     Y. Benjamini and Y. Hochberg (1995, Controlling the false discovery rate, J. R. Stat. Soc. B
     57, 289-300), by ``scipy.stats.false_discovery_control``; for independent or positively
@@ -205,7 +205,7 @@ class Residual:
         return next((u for end, u in _UNITS.items() if name.endswith(end)), "1")
 
     def tested(self) -> FloatArray:
-        """Values whose mean over rocks is zero if there is no gap, shape (n_rocks,)."""
+        """Return values whose mean over rocks is zero if there is no gap, shape (n_rocks,)."""
         values = self.gap if self.score is None else self.score
         values = np.where(np.isfinite(self.gap), values, np.nan)
         if self.weight is None:
@@ -216,7 +216,7 @@ class Residual:
 
 
 def per_rock(values: FloatArray, rock: IntArray, n_rocks: int) -> FloatArray:
-    """Mean of the rows of each rock, shape (n_rocks,); NaN for rocks without any."""
+    """Return the mean of the rows of each rock, shape (n_rocks,); NaN for rocks without any."""
     result = np.full(n_rocks, np.nan)
     own = rock >= 0
     if own.any():
@@ -226,17 +226,17 @@ def per_rock(values: FloatArray, rock: IntArray, n_rocks: int) -> FloatArray:
 
 
 def rows_per_rock(values: FloatArray, rock: IntArray, n_rocks: int) -> FloatArray:
-    """Number of rows of each rock that have a value, shape (n_rocks,).
+    """Return the number of rows of each rock that have a value, shape (n_rocks,).
 
     It is the weight of a rock in means over single steps: a rock that springs far makes few steps,
-    so that the mean over rocks of their own means would count the far ones too much.
+    so that the mean over rocks of their means would count the far ones too much.
     """
     own = (rock >= 0) & np.isfinite(values)
     return np.bincount(rock[own], minlength=n_rocks).astype(np.float64)
 
 
 def mean_of_draws(draws: FloatArray, least: int = 2) -> FloatArray:
-    """Mean over the last axis, missing ones left out; NaN where there are too few."""
+    """Return the mean over the last axis, missing ones left out; NaN where there are too few."""
     known = np.isfinite(draws)
     count = known.sum(axis=-1)
     with np.errstate(invalid="ignore", divide="ignore"):
@@ -245,7 +245,7 @@ def mean_of_draws(draws: FloatArray, least: int = 2) -> FloatArray:
 
 
 def spread(observed: FloatArray, draws: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Distance of observations from the middle of what is predicted, and what it should be.
+    """Return distance of observations from the middle of what is predicted, and what it should be.
 
     Parameters
     ----------
@@ -286,13 +286,18 @@ def spread(observed: FloatArray, draws: FloatArray) -> tuple[FloatArray, FloatAr
 
 
 def only_above(score: FloatArray) -> FloatArray:
-    """Scores of a scatter of which only an upper bound is known: less than that is no gap."""
+    """Return scores of a scatter of which only an upper bound is known.
+
+    Less than that is no gap.
+    """
     known = score[np.isfinite(score)]
     return score if known.size and known.mean() > 0.0 else np.where(np.isfinite(score), 0.0, score)
 
 
 def beyond(gap: FloatArray, tolerance: float) -> FloatArray:
-    """Gaps moved together towards zero by a tolerance: what is tested is how far they exceed it.
+    """Return gaps moved together towards zero by a tolerance.
+
+    What is tested is how far they exceed it.
 
     ``gap``: shape (n,), NaN where there is none; ``tolerance``: mean gap that can be an error of
     the comparison itself.

@@ -49,7 +49,7 @@ def reach_residuals(
     *,
     rng: np.random.Generator,
 ) -> list[Residual]:
-    """Residuals of every reach, and the part of the first that the others do not have.
+    """Return residuals of every reach, and the part of the first that the others do not have.
 
     The first reach is the run from the release. Where it is wrong, and more so than those below,
     what is wrong is the release: the finding of the phase "release", which both must support.
@@ -83,7 +83,7 @@ def reach_residuals(
 
 
 def _weaker(first: FloatArray, second: FloatArray) -> FloatArray:
-    """Of two gaps that must both be there and of one sign, the one that is less sure."""
+    """Return the less sure of two gaps that must both be there and of one sign."""
     known = np.isfinite(first) & np.isfinite(second)
     a, b = np.where(known, first, np.nan), np.where(known, second, np.nan)
     t_a, t_b = t_statistics(np.column_stack([a, b])).tolist()
@@ -95,7 +95,7 @@ def _weaker(first: FloatArray, second: FloatArray) -> FloatArray:
 def _restarted(
     case: Case, model: RunModel, seen: AtStations, run: FreeRun, k: int, rng: np.random.Generator
 ) -> tuple[AtStations, FloatArray] | None:
-    """Runs from station ``k`` of the rocks that were seen there, as many as of the free run.
+    """Return runs from station ``k`` of the rocks that were seen there, as many as of the free run.
 
     Arrays of shape (n_rocks, replicates, n_stations), and the run-out (m), shape (n_rocks,
     replicates). None if fewer than two rocks can be restarted.
@@ -139,7 +139,7 @@ def _states(
     draw: IntArray,
     rng: np.random.Generator,
 ) -> tuple[FloatArray, dict[str, FloatArray]]:
-    """Chainages and states of the blocks in which rocks start again at station ``k``.
+    """Return chainages and states of the blocks in which rocks start again at station ``k``.
 
     The engine lets a rock go along the ground, from a height. A flight across the station in any
     other direction is therefore begun where it runs along the ground, before or behind the
@@ -185,7 +185,7 @@ def _states(
 
 
 def _towards(seen: FloatArray, usual: FloatArray, error: FloatArray) -> FloatArray:
-    """What was seen, moved by up to its error towards what the model has; that if nothing was."""
+    """Move observations by up to their error towards the model's; the model's if unseen."""
     moved = usual + np.sign(seen - usual) * np.maximum(np.abs(seen - usual) - error, 0.0)
     return np.where(np.isfinite(seen), moved, usual)
 
@@ -196,7 +196,7 @@ def _like(
     blur: tuple[float, float, float],
     rng: np.random.Generator,
 ) -> IntArray:
-    """Number of one of the rocks that came which are most like each of some that were seen.
+    """Return number of one of the rocks that came which are most like each of some that were seen.
 
     By speed, turning and height above the resting position, as ``_came`` has them. ``blur``:
     relative errors of the first two, and the error of the height (m), within which they are alike.
@@ -220,7 +220,7 @@ def _like(
 
 
 def _came(run: FreeRun, k: int, dip: FloatArray) -> tuple[FloatArray, ...] | None:
-    """What the model brings to a station; None if that is too little.
+    """Return the rocks that the model brings to a station; None if these are too few.
 
     Whether it rolls or slides, angle of the velocity above the ground (rad), speed (m/s), ω r/v,
     height above the resting position (m).
@@ -247,7 +247,7 @@ def _parallel(
     vz: FloatArray,
     k: int,
 ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-    """Where flights run along the ground: chainage, speed, height of the centre, dip there."""
+    """Find where flights run along the ground: chainage, speed, height of the centre, dip."""
     g = case.engine.gravity_mps2
     t = np.arange(-_LONGEST_S, _LONGEST_S + 0.5 * _STEP_S, _STEP_S)
     zero = int(np.argmin(np.abs(t)))

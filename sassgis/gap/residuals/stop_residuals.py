@@ -44,7 +44,7 @@ class AtStations:
 
 @dataclass(frozen=True, slots=True)
 class Ends:
-    """What is left of released rocks; float64, shape (n, count), of observed ones (n,)."""
+    """Ends of released rocks; float64, shape (n, count), of observed ones (n,)."""
 
     # Chainage and lateral offset of the largest block.
     runout_m: FloatArray
@@ -75,7 +75,7 @@ class FreeRun:
         return radius
 
     def turn_after(self, out_mps: FloatArray) -> FloatArray:
-        """Mean size of the turn of paths at impacts that they leave as fast (deg), shape (n,).
+        """Return the mean turn of paths at impacts that they leave as fast (deg), shape (n,).
 
         Over a tenth of the impacts, those of about the same speed: slow rocks turn more. 0 without
         any.
@@ -94,7 +94,7 @@ class FreeRun:
 
 @dataclass(frozen=True, slots=True)
 class RunModel:
-    """What the rocks of a case are run with."""
+    """Model with which the rocks of a case are run."""
 
     moving: HypothesisModel
     rock_lines: RockLines
@@ -102,12 +102,12 @@ class RunModel:
 
     @classmethod
     def of(cls, case: Case, model: HypothesisModel, seed: int) -> RunModel:
-        """A model for the rocks of a case."""
+        """Return a model for the rocks of a case."""
         return cls(model, rock_lines_of(case), seed)
 
 
 def observed_at_stations(case: Case) -> AtStations:
-    """Whole rocks at stations as they were observed; shape (n_rocks, n_stations).
+    """Return whole rocks at stations as they were observed; shape (n_rocks, n_stations).
 
     A rock reached a station if it was seen there or further down; if it lies above, or was seen by
     the others' station but not there, it did not.
@@ -139,13 +139,13 @@ def observed_at_stations(case: Case) -> AtStations:
 
 
 def _not_passed(case: Case) -> BoolArray:
-    """Stations that the line of a rock does not cross below its start, (n_rocks, n_stations)."""
+    """Find stations that a rock's line does not cross below its start, (n_rocks, n_stations)."""
     s = case.station_s
     return ~np.isfinite(s) | (s <= case.start[:, 1:2])
 
 
 def observed_end(case: Case) -> Ends:
-    """What was found of each rock; arrays of shape (n_rocks,), NaN where nothing was.
+    """Return the observed end of each rock; arrays of shape (n_rocks,), NaN where nothing was.
 
     Blocks that belong to no rock are counted with the rocks of their fall line, in turn.
     """
@@ -196,7 +196,10 @@ def free_run(case: Case, model: RunModel, replicates: int) -> FreeRun:
 
 
 def _impacts(case: Case, model: RunModel, done: Moved, count: int) -> tuple[ImpactRows, ...]:
-    """Impacts of each replicate; what instruments scale is scaled back in the case already."""
+    """Return impacts of each replicate.
+
+    What instruments scale is scaled back in the case already.
+    """
     error = replace(model.moving.measurement, scale=1.0, spin_scale=1.0, stretch=1.0)
     rng = np.random.default_rng([model.seed, 35])
     made = observe(
@@ -214,7 +217,9 @@ def passages_of(
     axes: FloatArray,
     n_stations: int,
 ) -> tuple[AtStations, BoolArray, FloatArray]:
-    """Passages as arrays by rock, replicate and station; of a rock and its pieces the rock's.
+    """Return passages as arrays by rock, replicate and station.
+
+    Of a rock and its fragments they are the rock's.
 
     ``rock`` and ``draw`` are those of each passage.
     """
@@ -223,7 +228,7 @@ def passages_of(
     at = AtStations(*values)
     at.arrived[:] = 0.0
     ground = np.zeros((n, k, n_stations), bool)
-    # The rock's own rows come before those of its pieces.
+    # The rock's rows come before those of its fragments.
     rows, rock, draw = done.passages[::-1], rock[::-1], np.asarray(draw, np.int64)[::-1]
     control_line = rows["control_line"].astype(np.int64)
     dip = dips_at(profiles, rock, rows["chainage_m"])
@@ -244,7 +249,7 @@ def passages_of(
 
 
 def ends_of(done: Moved, n: int, replicates: int, end: FloatArray) -> Ends:
-    """What is left of rocks; run-out at most to ``end``, shape (n,) (m)."""
+    """Return the ends of rocks; run-out at most to ``end``, shape (n,) (m)."""
     rocks, pieces = done.rocks, done.pieces
     runout, lateral = rocks["runout_m"].copy(), done.lateral_m[: rocks.size].copy()
     mass = np.where(rocks["reason"] == StopReason.BROKEN, 0.0, rocks["mass_kg"])
@@ -269,7 +274,7 @@ def ends_of(done: Moved, n: int, replicates: int, end: FloatArray) -> Ends:
 def free_run_residuals(
     case: Case, seen: AtStations, run: FreeRun, *, rng: np.random.Generator
 ) -> list[Residual]:
-    """Residuals of runs from the release: stations, sides, run-out and blocks."""
+    """Return residuals of runs from the release: stations, sides, run-out and blocks."""
     found: list[Residual] = []
     mean_s = _column_means(case.station_s)
     for k, name in enumerate(case.station_names):
@@ -306,7 +311,7 @@ def free_run_residuals(
 
 
 def side_error(case: Case, stop: bool = False) -> float:
-    """Error of an offset from the fall line (m), of a stop or of a passage.
+    """Return the error of an offset from the fall line (m), of a stop or of a passage.
 
     The line starts where the rock was seen to start, and is known to half a cell.
     """
@@ -314,7 +319,10 @@ def side_error(case: Case, stop: bool = False) -> float:
 
 
 def _ends_error(case: Case, stop: bool) -> float:
-    """Error of measurement at both ends of an offset (m): the start, and the passage or stop."""
+    """Return the error of measurement at both ends of an offset (m).
+
+    The ends are the start, and the passage or stop.
+    """
     error = errors_of(case)
     return math.hypot(error.position_m, error.stop_m if stop else error.position_m)
 
@@ -328,7 +336,7 @@ def _sides(
     span: tuple[float, float],
     rng: np.random.Generator,
 ) -> list[Residual]:
-    """Lateral offset from the fall line against that of the model; mean and scatter.
+    """Return the lateral offset from the fall line against that of the model; mean and scatter.
 
     What rocks of one release have in common is an error of their fall lines, too, and no scatter of
     theirs. A model in the plane of the fall line cannot leave it: there only the error is expected.
@@ -354,9 +362,9 @@ def _sides(
 
 
 def _apart(case: Case, lateral: FloatArray) -> FloatArray:
-    """Offsets of campaigns less what the rocks of each release have in common in it.
+    """Return offsets of campaigns less what the rocks of each release have in common in it.
 
-    ``lateral``: shape (n_rocks, n_campaigns). A rock that was released alone keeps nothing.
+    ``lateral``: shape (n_rocks, n_campaigns). A rock that was released by itself keeps nothing.
     """
     start = case.traces.offset[case.line]
     places = np.column_stack([case.traces.x[start], case.traces.y[start]])
@@ -380,7 +388,7 @@ def residuals_at_station(
     test: str,
     span: tuple[float, float],
 ) -> list[Residual]:
-    """Speed, rotation, height and share that comes, at one station."""
+    """Return speed, rotation, height and share that comes, at one station."""
     moving = dict.fromkeys(("speed_mps", "rotation_hz", "height_m"), _phase(case, run, seen, k))
     found = []
     for name, phase in {**moving, "arrived": "stopping"}.items():
@@ -390,7 +398,7 @@ def residuals_at_station(
 
 
 def _phase(case: Case, run: FreeRun, seen: AtStations, k: int) -> str:
-    """Whether most rocks fly or roll where they pass a station."""
+    """Return whether most rocks fly or roll where they pass a station."""
     dip = dips_at(case.profiles, np.maximum(case.line, 0), np.nan_to_num(case.station_s[:, k]))
     above = seen.height_m[:, k] - run.axes_m[:, :, 1].mean(axis=1) / np.cos(dip)
     if not np.isfinite(above).any():

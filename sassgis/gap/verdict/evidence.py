@@ -1,4 +1,4 @@
-"""What speaks for causes at a site: models without an effect, causes added to them, the answer."""
+"""Evidence for causes at a site: models without an effect, causes added to them, the answer."""
 
 from __future__ import annotations
 
@@ -56,7 +56,7 @@ _PLAUSIBLE, _AT_ONCE = 16, 4
 
 
 def configured_as_observed(made: HypothesisFits) -> HypothesisModel:
-    """The configured model; its rotations are observed as those of calibrated ground.
+    """Return the configured model; its rotations are observed as those of calibrated ground.
 
     Blocks that do not turn in one plane do not do so on any ground: what the factor on rotations
     closes of the gap is closed by no model that is handed over.
@@ -85,7 +85,7 @@ class Evidence:
 def evidence_beyond(
     made: HypothesisFits, base: FittedHypothesis, families: Sequence[str]
 ) -> Evidence:
-    """What is left of a base, and what speaks for causes beyond it."""
+    """Compute the remaining gap of a base, and the evidence for causes beyond it."""
     problem = made.problem
     case, residuals = residuals_with(problem.case, base.handed_over.draw.model, seed=problem.seed)
     notes: tuple[str, ...] = ()
@@ -106,7 +106,7 @@ def evidence_beyond(
 
 
 def evidence_of_site(made: HypothesisFits) -> AddedCauses:
-    """Evidence beyond the base with a free contact, and the models without an effect.
+    """Return the evidence beyond the base with a free contact, and the models without an effect.
 
     The base is adequate if one of the calibrations that the rocks leave plausible is: of all values
     of what is not known none may be right, for it to be wrong (R. L. Berger and D. D. Boos, 1994, P
@@ -141,7 +141,7 @@ def evidence_of_site(made: HypothesisFits) -> AddedCauses:
 def first_adequate(
     made: HypothesisFits, models: Sequence[HypothesisModel]
 ) -> tuple[GapFinding, ...] | None:
-    """Where the gap lies with the first model that leaves nothing significant and large, if any."""
+    """Locate the gap with the first model that leaves nothing significant and large, if any."""
     for k in range(0, len(models), _AT_ONCE):
         tasks = [_Left(own, REPLICATES) for own in models[k : k + _AT_ONCE]]
         left: list[tuple[GapFinding, ...]] = list(made.run(_left_by, tasks))
@@ -159,7 +159,7 @@ class _Left:
 
 
 def _left_by(summary: SiteSummary, task: _Left) -> tuple[GapFinding, ...]:
-    """Where the gap lies with a model in place of the base."""
+    """Locate the gap with a model in place of the base."""
     problem = summary.problem
     case, residuals = residuals_with(
         problem.case, task.model, seed=problem.seed, replicates=task.count
@@ -199,13 +199,13 @@ class AddedCauses:
         return GROUND if self.base == NONE else CONTACT_LAW
 
     def name(self, effect: str) -> str:
-        """Hypothesis of a rung of the ladder."""
+        """Return hypothesis of a rung of the ladder."""
         if effect in (NONE, GROUND):
             return NONE
         return "+".join(sorted({*effect.split("+"), self.base} - {NONE}))
 
     def fit(self, effect: str) -> FittedHypothesis:
-        """The base with an effect, calibrated if it is not yet.
+        """Return the base with an effect, calibrated if it is not yet.
 
         It begins where the base has ended, with the draw of each cause that closes most. What
         fingerprints measure stays as they have it.
@@ -221,11 +221,11 @@ class AddedCauses:
         return self.made.add(self.name(effect), start, held)
 
     def rows(self, effect: str) -> FloatArray:
-        """Rows of every rock by the model it had no weight in."""
+        """Return rows of every rock by the model it had no weight in."""
         return self.fit(effect).held_out_rows(self.made.problem.part)
 
     def shrinkage(self, effect: str, without: str = "") -> Shrinkage:
-        """How far the gap shrinks by an effect, on rocks left out."""
+        """Measure how far the gap shrinks by an effect, on rocks left out."""
         before = self.rows(without) if without else self.made.rows(self.base)
         return shrinkage_of(self.made.problem, before, effect, self.rows(effect))
 
@@ -233,7 +233,7 @@ class AddedCauses:
 def shares_of(
     evidence: Evidence, families: tuple[str, ...], weights: CauseWeights
 ) -> dict[str, float]:
-    """Probability of each cause that these data could show, of "none" and of "unknown"."""
+    """Return probability of each cause that these data could show, of "none" and of "unknown"."""
     gains = evidence.speaking
     seen = seen_of(evidence.prints, gains, families)
     hidden, sound = len(families) - len(seen), adequate(evidence.findings)
@@ -241,7 +241,10 @@ def shares_of(
 
 
 def _second(added: AddedCauses, first: str, weights: CauseWeights, frozen: Thresholds) -> str:
-    """A second cause beside the first: there is evidence left once the first is in the model."""
+    """Return a second cause in addition to the first.
+
+    There is remaining evidence once the first is in the model.
+    """
     case = added.made.problem.case
     families = tuple(name for name in families_to_try(case) if name != first)
     # Only what there is evidence of beyond the base is looked for again.
@@ -311,7 +314,7 @@ def verdict_of(
 
 
 def _most_probable(shares: Mapping[str, float], gains: Mapping[str, CauseGain]) -> str:
-    """The most probable cause, of several alike the one whose gain is surest; "none" without."""
+    """Return most probable cause, of several alike the one whose gain is surest; "none" without."""
     causes = [name for name in shares if name not in (NONE, UNKNOWN)]
     alike = [name for name in causes if shares[name] >= shares[causes[0]]]
     return max(alike, key=lambda n: gains[n].sureness if n in gains else 0.0, default=NONE)

@@ -88,7 +88,10 @@ def _finding(
 
 
 def _interval(gap: FloatArray, weight: FloatArray, times: FloatArray) -> Range:
-    """Percentiles of the mean over bootstrapped rocks; ``times``: how often each was drawn."""
+    """Return percentiles of the mean over bootstrapped rocks.
+
+    ``times``: how often each was drawn.
+    """
     below = times @ weight
     drawn = below > 0.0
     if not drawn.any():
@@ -99,7 +102,7 @@ def _interval(gap: FloatArray, weight: FloatArray, times: FloatArray) -> Range:
 
 
 def _on_map(case: Case, residual: Residual, own: np.ndarray) -> tuple[float, float]:
-    """Mean over the lines of the rocks of the point in the middle of the place."""
+    """Return the mean over the lines of the rocks of the point in the middle of the place."""
     lines = np.unique(case.line[own & (case.line >= 0)])
     if not lines.size:
         return math.nan, math.nan
@@ -117,7 +120,7 @@ def _on_map(case: Case, residual: Residual, own: np.ndarray) -> tuple[float, flo
 
 
 def locate(findings: Sequence[GapFinding]) -> tuple[str, tuple[str, ...]]:
-    """Phase and reaches in which the gap begins.
+    """Return the phase and reaches in which the gap begins.
 
     Single steps say most, reaches more than runs from the release: what is wrong in a single step
     is wrong where it is made.
@@ -152,13 +155,13 @@ def locate(findings: Sequence[GapFinding]) -> tuple[str, tuple[str, ...]]:
 
 
 def _strength(finding: GapFinding) -> float:
-    """Gap over its standard error."""
+    """Return the gap over its standard error."""
     low, high = finding.ci95
     return abs(finding.gap) / (high - low) if high > low else math.inf
 
 
 def line_stretch(traces: TraceSet, line: int, s0: float, s1: float) -> FloatArray:
-    """The part of a fall line between two chainages (m), cut to those of the line, shape (n, 2).
+    """Return part of a fall line between two chainages (m), cut to those of the line, shape (n, 2).
 
     Coordinates (m); empty where nothing of the line lies between.
     """
@@ -172,12 +175,12 @@ def line_stretch(traces: TraceSet, line: int, s0: float, s1: float) -> FloatArra
 
 
 def is_stretch(finding: GapFinding) -> bool:
-    """Whether a finding belongs to a stretch of the fall lines rather than to a point."""
+    """Return whether a finding belongs to a stretch of the fall lines rather than to a point."""
     return math.isfinite(finding.s0_m) and finding.s0_m < finding.s1_m
 
 
 def limits_on(case: Case, finding: GapFinding, line: int) -> tuple[float, float]:
-    """Chainages between which a finding lies on one fall line (m).
+    """Return chainages between which a finding lies on one fall line (m).
 
     Reaches begin and end where this line crosses the stations; other places, and lines that do not
     cross, take the mean chainages of the finding.
@@ -194,12 +197,15 @@ def limits_on(case: Case, finding: GapFinding, line: int) -> tuple[float, float]
 
 
 def used_lines(case: Case) -> list[int]:
-    """Fall lines that rocks have, ascending."""
+    """Return fall lines that rocks have, ascending."""
     lines: list[int] = np.unique(case.line[case.line >= 0]).tolist()
     return lines
 
 
 def observed_end(case: Case) -> float:
-    """Chainage beyond which nothing was observed (m); infinite if no point has a chainage."""
+    """Return the chainage beyond which nothing was observed (m).
+
+    It is infinite if no point has a chainage.
+    """
     known = np.concatenate([p.s[np.isfinite(p.s)] for p in case.projected.values()])
     return float(known.max()) if known.size else math.inf

@@ -40,7 +40,7 @@ _SAMPLES = 999
 
 
 def group_weights(group: IntArray, rng: np.random.Generator, samples: int) -> FloatArray:
-    """How often each rock is in bootstrap samples of the groups, shape (samples, n_rocks).
+    """Count how often bootstrap samples of groups hold each rock, shape (samples, n_rocks).
 
     ``group``: of each rock, numbered from 0.
     """
@@ -53,7 +53,9 @@ def group_weights(group: IntArray, rng: np.random.Generator, samples: int) -> Fl
 def share_of(
     above: RockDistances, below: RockDistances, floor: float, drawn: Sequence[FloatArray]
 ) -> tuple[float, Range | None]:
-    """Share of the gap ``above`` (model before) that is closed ``below`` (after); 95 % interval.
+    """Return the share of the gap ``above`` (model before) that is closed ``below`` (after).
+
+    With its 95 % interval.
 
     ``drawn``: both in bootstrap samples, shape (samples,) each; one without a gap is left out.
     """
@@ -85,7 +87,10 @@ class Ladder:
             self._found[rung] = over, own, own.drawn(self._weights)
 
     def gain(self, simpler: str, rung: str) -> Interval | None:
-        """Distance of a simpler model less that of another; None where nothing was compared."""
+        """Return the distance of a simpler model less that of another.
+
+        It is None where nothing was compared.
+        """
         if not {simpler, rung} <= self._found.keys():
             return None
         (_, before, drawn), (_, after, drawn_after) = self._found[simpler], self._found[rung]
@@ -95,7 +100,7 @@ class Ladder:
         return Interval(before.value() - after.value(), low, high)
 
     def rungs(self, *names: str) -> tuple[Rung, ...]:
-        """Distance, share of the gap of the first model and gain of each, and the floor.
+        """Return distance, share of the gap of the first model and gain of each, and the floor.
 
         Empty where nothing could be compared. Shares are withheld where the gap of the first model
         may be chance.
@@ -115,7 +120,7 @@ class Ladder:
         return (*out, Rung(FLOOR, floor))
 
     def recommended(self, *names: str) -> tuple[str, str]:
-        """The last of some models whose gain over the simpler ones clears zero, and why no other.
+        """Return the last model whose gain over the simpler ones clears zero, and why no other.
 
         A model must close certainly more (95 %, rocks left out) than the one that it is added to,
         and than the one that is recommended without it.
@@ -151,19 +156,19 @@ class Ladder:
 
 
 def needs_contact_law(ladder: Sequence[Rung]) -> bool:
-    """Whether another law of the contact certainly closes more of the gap than ground alone."""
+    """Return whether another contact law certainly closes more of the gap than ground only."""
     span = {rung.rung: rung.ci95 for rung in ladder}
     ground, law = span.get("ground"), span.get("contact_law")
     return ground is not None and law is not None and law[0] > ground[1]
 
 
 def ground_is_enough(ladder: Sequence[Rung]) -> bool:
-    """Whether what calibrated ground leaves of the gap may be chance."""
+    """Return whether what calibrated ground leaves of the gap may be chance."""
     return any(r.rung == "ground" and r.ci95 is not None and r.ci95[1] >= 1.0 for r in ladder)
 
 
 def shrinkage_of(problem: SiteData, base: FloatArray, effect: str, rows: FloatArray) -> Shrinkage:
-    """How far the gap of the calibrated base shrinks by an effect, on held-out rocks.
+    """Measure how far the calibrated base's gap shrinks by an effect, on held-out rocks.
 
     ``base``, ``rows``: held-out replicas of each rock, without and with the effect, shape
     (m, n_rocks, p).
@@ -196,7 +201,7 @@ def shrinkage_of(problem: SiteData, base: FloatArray, effect: str, rows: FloatAr
 def _by_quantity(
     problem: SiteData, base: FloatArray, effect: FloatArray
 ) -> Mapping[str, Mapping[str, float | None]]:
-    """The same for each quantity alone, all stations together."""
+    """Return the same for each single quantity, all stations together."""
     k = len(problem.scale.names)
     kinds: dict[str, list[int]] = {}
     for i, name in enumerate(problem.scale.names):
@@ -228,7 +233,7 @@ _MOST = 1.5
 
 
 def see_each(summary: SiteSummary, task: HypothesisDraw) -> FloatArray:
-    """Numbers of the single campaigns of a draw, shape (count, p)."""
+    """Return numbers of the single campaigns of a draw, shape (count, p)."""
     model = draw_of(summary.problem.case, task.effect, task.shares).model
     return summary.of_each(model, task.number, task.count)
 
@@ -236,7 +241,7 @@ def see_each(summary: SiteSummary, task: HypothesisDraw) -> FloatArray:
 def cause_gains(
     summary: SiteSummary, base: FittedHypothesis, families: Sequence[str], run: RunTasks
 ) -> dict[str, CauseGain]:
-    """Gains of causes beyond a calibrated base; empty where nothing is compared."""
+    """Return gains of causes beyond a calibrated base; empty where nothing is compared."""
     if base.found is None:
         return {}
     tasks = [HypothesisDraw(base.effect, base.shares, _NUMBER + k, BASE) for k in range(_PARTS)]
@@ -249,7 +254,7 @@ def cause_gains(
         return {}
 
     def seen(numbers: FloatArray) -> FloatArray:
-        """Numbers less those of the base, shape (n, p) to (n, q)."""
+        """Return numbers less those of the base, shape (n, p) to (n, q)."""
         scaled = summary.in_errors(numbers) - mean
         # What is not there is as in the base, and nothing counts more than it can by chance.
         return np.clip(np.nan_to_num(scaled), -12.0, 12.0) @ onto
@@ -266,7 +271,7 @@ def cause_gains(
 
 
 def _draws(summary: SiteSummary, base: FittedHypothesis, family: str) -> list[HypothesisDraw]:
-    """The base with draws of a cause."""
+    """Return the base with draws of a cause."""
     effect = "+".join(sorted({*families_of(base.effect), family}))
     tasks, cause = [], CAUSES[family].number
     for k in range(DRAWS):
@@ -280,7 +285,7 @@ def _draws(summary: SiteSummary, base: FittedHypothesis, family: str) -> list[Hy
 def _directions(
     summary: SiteSummary, found: LinearFit, base: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Mean numbers of the base, shape (p,), and to units of chance where no ground follows, (p, q).
+    """Return mean numbers of the base (p,), and units of chance where no ground follows (p, q).
 
     ``base``: numbers of its campaigns, shape (n, p).
     """
@@ -308,7 +313,7 @@ def _gain_of(
     excess: float,
     tasks: Sequence[HypothesisDraw],
 ) -> CauseGain:
-    """``draws``: shape (DRAWS, EACH, q)."""
+    """Return ``draws``: shape (DRAWS, EACH, q)."""
     change = _cleaned(draws.mean(axis=1))
     gains = _closed(observed[None], change)[0]
     best = int(np.argmax(gains))
@@ -325,17 +330,17 @@ def _gain_of(
 
 
 def _cleaned(change: FloatArray) -> FloatArray:
-    """Changes in the few directions in which they are more than the chance of two campaigns."""
+    """Keep changes in the few directions in which they exceed the chance of two campaigns."""
     n, q = change.shape
     _, size, directions = np.linalg.svd(change, full_matrices=False)
-    # Largest singular value of n vectors of chance alone (Marchenko and Pastur 1967).
+    # Largest singular value of n vectors of only chance (Marchenko and Pastur 1967).
     edge = (np.sqrt(n) + np.sqrt(q)) / np.sqrt(EACH)
     kept = directions[:_DIRECTIONS][size[:_DIRECTIONS] > edge]
     return np.asarray(change @ kept.T @ kept)
 
 
 def _closed(seen: FloatArray, change: FloatArray) -> FloatArray:
-    """What draws close of the squared distance of some numbers, shape (n, n_draws)."""
+    """Compute what draws close of the squared distance of some numbers, shape (n, n_draws)."""
     size = np.maximum((change**2).sum(axis=1), 1e-9)
     along = seen @ change.T
     times = np.clip(along / size, 0.0, _MOST)

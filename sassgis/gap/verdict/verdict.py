@@ -9,7 +9,7 @@ Every cause is weighed alike: a few numbers say what its surest fingerprint coun
 contact can leave and of the others, and what its gain counts. They were fitted on sites of several
 generators (``data/gap_thresholds.json``); each was judged by numbers that never saw it
 (docs/studies/gap_weights.md). What a contact could leave, and a gain, may come from a law of the
-contact that the base lacks: alone they make no cause more likely than none.
+contact that the base lacks: by themselves they make no cause more likely than none.
 """
 
 from __future__ import annotations
@@ -59,7 +59,7 @@ def fingerprints(case: Case, residuals: ResidualTable) -> tuple[Fingerprint, ...
 
 
 def _tested(one: Scores, group: IntArray) -> tuple[float, float, int]:
-    """Z of the mean over groups, one-sided p, and groups that have a value."""
+    """Return z of the mean over groups, one-sided p, and groups that have a value."""
     groups = int(group.max()) + 1
     own_null = one.values.size == 1
     values = np.zeros(groups) if own_null else per_rock(one.values, group, groups)
@@ -90,12 +90,12 @@ _LARGE = 0.8
 
 @dataclass(frozen=True, slots=True)
 class Thresholds:
-    """What was set on sites of development, and is frozen for all that is reported."""
+    """Thresholds set on sites of development, and frozen for all that is reported."""
 
     level: float = 0.01  # adjusted p value up to which a fingerprint is significant
     named: float = 0.6  # probability from which a family is named
     grouped: float = 0.7  # that of all families of a group together from which it is certain
-    #: z of a second fingerprint, beside the first cause, from which two causes are named; of one
+    #: z of a second fingerprint, after the first cause, from which two causes are named; of one
     #: that takes no contacts, from which a cause is named that closes nothing.
     second: float = 6.0
     #: Probability from which the most probable family is calibrated, though it is not named.
@@ -109,18 +109,18 @@ class Thresholds:
 
 
 def group_of(effect: str) -> str:
-    """Group of a cause; of two, that of the first; "" if it has none."""
+    """Return the group of a cause; of two, that of the first; "" if it has none."""
     first = CAUSES.get(effect.split("+")[0])
     return "" if first is None else first.group
 
 
 def adequate(findings: Sequence[GapFinding]) -> bool:
-    """Whether no gap of the calibrated base is both significant and large."""
+    """Return whether no gap of the calibrated base is both significant and large."""
     return not large_gaps(findings)
 
 
 def large_gaps(findings: Sequence[GapFinding]) -> list[GapFinding]:
-    """Gaps that are both significant and large."""
+    """Return gaps that are both significant and large."""
     return [f for f in findings if f.p_adjusted <= LEVEL and _large(f)]
 
 
@@ -136,7 +136,7 @@ POWER = 0.8
 
 
 def strongest(prints: Sequence[Fingerprint]) -> dict[str, Fingerprint]:
-    """The surest fingerprint of each cause that these data can show."""
+    """Return the surest fingerprint of each cause that these data can show."""
     best: dict[str, Fingerprint] = {}
     for one in prints:
         if one.observable and (one.effect not in best or one.z > best[one.effect].z):
@@ -145,7 +145,7 @@ def strongest(prints: Sequence[Fingerprint]) -> dict[str, Fingerprint]:
 
 
 def significant(prints: Sequence[Fingerprint], level: float) -> dict[str, Fingerprint]:
-    """The surest fingerprint of each cause that has a significant one."""
+    """Return the surest fingerprint of each cause that has a significant one."""
     return {n: f for n, f in strongest(prints).items() if f.p_adjusted <= level and f.z > 0.0}
 
 
@@ -159,20 +159,20 @@ _OF_MASSES = {name for name, own in _CLEAR.items() if {*own.tables} == {"rocks",
 
 
 def is_certain(prints: Sequence[Fingerprint], effect: str, thresholds: Thresholds) -> bool:
-    """Whether masses, places or paths in time show a cause, whatever else the rocks do."""
+    """Return whether masses, places or paths in time show a cause, whatever else the rocks do."""
     own = [f for f in prints if f.effect == effect and f.statistic in _WITHOUT_CONTACTS]
     return any(f.observable and f.z >= thresholds.second for f in own)
 
 
 def _would_show(one: Fingerprint) -> bool:
-    """Whether a fingerprint is one that would be seen where its cause is, or is seen."""
+    """Return whether a fingerprint is one that would be seen where its cause is, or is seen."""
     if one.statistic in _OF_PATHS or (one.statistic in _CLEAR and one.z >= PRINTED):
         return True
     return one.statistic in _OF_MASSES and one.z > -PRINTED
 
 
 def speaking(prints: Sequence[Fingerprint], gains: Mapping[str, CauseGain]) -> dict[str, CauseGain]:
-    """Gains that could speak for their causes.
+    """Return gains that could speak for their causes.
 
     What hardly any draw of a cause could close, something else does. Causes at the contact close
     what another law of the contact than that of the base leaves, too: of these a fingerprint of
@@ -186,7 +186,9 @@ def speaking(prints: Sequence[Fingerprint], gains: Mapping[str, CauseGain]) -> d
 def seen_of(
     prints: Sequence[Fingerprint], gains: Mapping[str, CauseGain], tried: Sequence[str]
 ) -> tuple[str, ...]:
-    """Families that these data could show: by a fingerprint of their own, or by what they close.
+    """Return families that these data could show.
+
+    They show by a separate fingerprint, or by what they close.
 
     Paths in time could show theirs wherever they were recorded; so could masses, unless the one
     that a family adds may lie in the gap that another one leaves. Other fingerprints that no
@@ -203,7 +205,7 @@ def seen_of(
 def second_of(
     left: Sequence[Fingerprint], shares: Mapping[str, float], thresholds: Thresholds
 ) -> str:
-    """A second cause: what is left once the first one is in the model; "" if nothing is.
+    """Return a second cause: what remains once the first one is in the model; "" if nothing is.
 
     ``left``: of the base with the first cause; ``shares``: probability of the other families and of
     "none" beyond that base.
@@ -288,7 +290,7 @@ def decide(
                 "and large"
             )
         return NONE, "", joined("", (refused, reason))
-    # A cause at the contact that is as probable as none cannot be told from another law of it.
+    # A cause at the contact that is as probable as none is not separable from another law of it.
     contact = group_of(CONTACT_LAW)
     others = [name for name in tried if group_of(name) != contact or shares[name] > shares[NONE]]
     if law and shares[NONE] > max((shares[name] for name in others), default=0.0):
@@ -302,14 +304,14 @@ def decide(
 
 
 def group_probability(group: str, shares: Mapping[str, float]) -> float:
-    """Probability of the families of a group together; NaN without a group."""
+    """Return the probability of the families of a group together; NaN without a group."""
     if not group:
         return math.nan
     return sum(shares.get(name, 0.0) for name in GROUPS[group])
 
 
 def confusion_set(effect: str, least: float, shares: Mapping[str, float]) -> tuple[str, ...]:
-    """The answer, what is as probable as ``least``, and what is more probable than the answer.
+    """Return answer, what is as probable as ``least``, and what is more probable than the answer.
 
     Two or more families of one group that are not the answer become the group, which then stands
     for all of its causes.
@@ -327,16 +329,16 @@ def confusion_set(effect: str, least: float, shares: Mapping[str, float]) -> tup
 
 
 def causes_in(confusion: Sequence[str]) -> tuple[str, ...]:
-    """A confusion set with the causes of its groups in their place."""
+    """Return a confusion set with the causes of its groups in their place."""
     return tuple(dict.fromkeys(n for one in confusion for n in GROUPS.get(one, (one,))))
 
 
 def place_of(
     effect: str, case: Case, fitted: Sequence[Draw], findings: Sequence[GapFinding]
 ) -> tuple[str, tuple[str, ...]]:
-    """Phase of motion and reaches in which an effect acts, by calibrated draws of it.
+    """Return the phase of motion and reaches in which an effect acts, by calibrated draws of it.
 
-    Effects without a place of their own act where the gap lies, by the ``findings``.
+    Effects without a known place act where the gap lies, by the ``findings``.
     """
     if effect == NONE:
         return "", ()
@@ -347,7 +349,7 @@ def place_of(
 
 
 def confidence_of(effect: str, shares: Mapping[str, float], right: Mapping[str, float]) -> float:
-    """Probability of an answer; NaN where none is given.
+    """Return the probability of an answer; NaN where none is given.
 
     Of the contact law that none of the families is the cause, but no more than ``right``: the share
     of the sites of development at which such an answer was right (``Thresholds.right``).
@@ -368,7 +370,7 @@ FEATURES = ("clear", "usual", "gain", "share")
 
 @dataclass(frozen=True, slots=True)
 class CauseWeights:
-    """What evidence counts."""
+    """Weights of the evidence."""
 
     weights: FloatArray  # shape (4,); of FEATURES
     offset: float  # by which no cause is more likely than "none" before any evidence
@@ -404,7 +406,7 @@ class CauseWeights:
         hidden: int = 0,
         sound: bool = True,
     ) -> dict[str, float]:
-        """Probability of every cause that may be named, of "none" and of "unknown".
+        """Return the probability of every cause that may be named, of "none" and of "unknown".
 
         Parameters
         ----------
@@ -429,7 +431,7 @@ class CauseWeights:
 def evidence_of(
     cause: str, prints: Sequence[Fingerprint], gains: Mapping[str, CauseGain]
 ) -> FloatArray:
-    """FEATURES of a cause, shape (4,); what cannot be seen counts nothing.
+    """Return FEATURES of a cause, shape (4,); what cannot be seen counts nothing.
 
     ``gains``: those that could speak for their causes.
     """
@@ -450,7 +452,7 @@ def _count(z: float) -> float:
 
 
 def weights_of(content: Mapping[str, float]) -> CauseWeights:
-    """Weights from the content of their file.
+    """Return weights from the content of their file.
 
     Raises
     ------

@@ -47,17 +47,23 @@ class AppliedEdit:
 
     @property
     def has_changed(self) -> bool:
-        """Whether the computed level has changed by so much that a user is told."""
+        """Whether the computed level has changed by so much that a user is warned."""
         return self.changed >= max(CHANGED_MIN, BEYOND_CHANCE * self.by_chance)
 
 
 def shares_text(shares: Mapping[str, float]) -> str:
-    """Shares of levels as the column ``computed`` has them: "mean 62 %, residual_hazard 38 %"."""
+    """Return shares of levels as the column ``computed`` has them.
+
+    An example is "mean 62 %, residual_hazard 38 %".
+    """
     return ", ".join(f"{code} {100.0 * share:.0f} %" for code, share in shares.items())
 
 
 def shares_of_text(text: str) -> dict[str, float]:
-    """Shares of levels from their text; what it does not name has no level. Empty if it is none."""
+    """Return shares of levels from their text.
+
+    What the text does not name has no level. Empty if the text is no such list.
+    """
     shares: dict[str, float] = {}
     for code, share in re.findall(r"([A-Za-z]\w*) ([0-9.]+) %", text):
         shares[code] = shares.get(code, 0.0) + float(share) / 100.0
@@ -68,8 +74,9 @@ def shares_of_text(text: str) -> dict[str, float]:
 
 
 def share_of(area: Any, grid: Grid, cells: IntArray, values: FloatArray) -> float:
-    """Mean over an area of values of cells (flat indices), 0 elsewhere; the area may be narrower
-    than a cell.
+    """Average values of cells (flat indices, 0 elsewhere) over an area.
+
+    The area may be narrower than a cell.
     """
     x, y = grid.cell_centres(cells)
     west, south, east, north = area.bounds
@@ -87,7 +94,7 @@ def share_of(area: Any, grid: Grid, cells: IntArray, values: FloatArray) -> floa
 def with_edits(
     zones: Coverage, edits: Sequence[Edit], codes: Sequence[str]
 ) -> tuple[Coverage, IntArray, tuple[AppliedEdit, ...]]:
-    """Zones with the edits of experts, later ones over earlier ones.
+    """Return zones with the edits of experts, later ones over earlier ones.
 
     Parameters
     ----------
@@ -99,7 +106,7 @@ def with_edits(
     Returns
     -------
     zones : Coverage
-        What an edit made another level is a zone of its own.
+        What an edit made another level is a separate zone.
     edit : int64, shape (n_zones,)
         The edit that made each zone; -1 for none.
     applied : tuple of AppliedEdit
@@ -125,7 +132,7 @@ def with_edits(
         )
         acts = own & _acts(edit, level)
         level[acts], made_by[acts] = edit.level, number
-    # What is a zone of its own: the level first, so that threads join a level that is not lower.
+    # What is a separate zone: the level first, so that threads join a level that is not lower.
     base = len(edits) + 1
     kinds = without_threads(faces, np.where(level > 0, level * base + made_by + 1, 0))
     drawn = dissolved(faces, kinds)
@@ -133,7 +140,7 @@ def with_edits(
 
 
 def _acts(edit: Edit, level: IntArray) -> Any:
-    """Where an edit changes a level, or confirms it with its own."""
+    """Find where an edit changes a level, or confirms it with its own."""
     if edit.limit == "at_least":
         return level < edit.level
     if edit.limit == "at_most":
@@ -142,7 +149,7 @@ def _acts(edit: Edit, level: IntArray) -> Any:
 
 
 def _shares(level: IntArray, area: FloatArray, codes: Sequence[str]) -> dict[str, float]:
-    """Share of an area by level, from high to low; without what rounds to nothing."""
+    """Return the share of an area by level, from high to low; without what rounds to nothing."""
     of_level = np.bincount(level, area, len(codes) + 1) / area.sum()
     names = [NO_LEVEL, *codes]
     order = range(len(codes), -1, -1)

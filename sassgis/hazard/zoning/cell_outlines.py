@@ -30,7 +30,7 @@ def check_cells(cell_size: float) -> None:
 
 
 def cell_polygons(cells: BoolArray, grid: Grid) -> NDArray[Any]:
-    """Regions of cells that hang together over sides, as they are.
+    """Return regions of cells that hang together over sides, as they are.
 
     Returns
     -------
@@ -76,7 +76,7 @@ def cell_polygons(cells: BoolArray, grid: Grid) -> NDArray[Any]:
 
 
 def _corners(cells: BoolArray) -> tuple[IntArray, IntArray, IntArray, IntArray]:
-    """Corners of the borders of regions, row by row; two where regions meet at a point.
+    """Return corners of the borders of regions, row by row; two where regions meet at a point.
 
     Returns
     -------
@@ -96,7 +96,7 @@ def _corners(cells: BoolArray) -> tuple[IntArray, IntArray, IntArray, IntArray]:
     for (south, east), own in around.items():
         opposite, neighbour = around[1 - south, 1 - east], around[1 - south, east]
         alone = ((count == 1) & (own > 0)) | ((count == 3) & (own == 0))
-        # Where two cells meet at a point each has a corner of its own if they are of two regions.
+        # Where two cells meet at a point each has a separate corner if they are of two regions.
         # If they are of one, each of the two empty cells has: so a shell and a hole touch there,
         # or two holes, in place of one ring that touches itself.
         met = (count == 2) & ((own > 0) == (opposite > 0))
@@ -111,7 +111,7 @@ def _corners(cells: BoolArray) -> tuple[IntArray, IntArray, IntArray, IntArray]:
 
 
 def _graph(*linked: IntArray) -> csr_array:
-    """Corners, each linked to one of each of ``linked``."""
+    """Return corners, each linked to one of each of ``linked``."""
     size, ends = linked[0].size, np.concatenate(linked)
     links = np.tile(np.arange(size), len(linked)), ends
     return csr_array((np.ones(ends.size, np.int8), links), shape=(size, size))

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from sassgis.grid import BoolArray, IntArray
 from sassgis.hazard.zoning.cell_outlines import PRECISION_M
 
-#: Places that are nowhere wider than this (m) are no zones of their own.
+#: Places that are nowhere wider than this (m) are no separate zones.
 _THREAD_M = 0.2
 
 
@@ -26,13 +26,13 @@ class Coverage:
 
 
 def polygons_of(area: Any) -> NDArray[Any]:
-    """The polygons of a geometry, without its lines and points."""
+    """Return the polygons of a geometry, without its lines and points."""
     parts = shapely.get_parts(area)
     return np.asarray(parts[shapely.get_type_id(parts) == shapely.GeometryType.POLYGON], object)
 
 
 def faces_of(areas: Sequence[Any]) -> NDArray[Any]:
-    """The polygons into which the borders of areas divide the plane, on coordinates of 1 mm."""
+    """Return polygons into which the borders of areas divide the plane, on coordinates of 1 mm."""
     lines = shapely.unary_union(shapely.boundary(np.asarray(areas)), grid_size=PRECISION_M)
     faces = shapely.polygonize([lines])
     # Of a valley of 50 km they take a tenth of all memory; parts are copies.
@@ -41,7 +41,10 @@ def faces_of(areas: Sequence[Any]) -> NDArray[Any]:
 
 
 def classes_of(faces: NDArray[Any], stack: Sequence[Any]) -> IntArray:
-    """Class of each face: the number of the last area of a stack that holds it; 0 for none."""
+    """Return the class of each face: the number of the last area of a stack that holds it.
+
+    It is 0 for none.
+    """
     inside = shapely.point_on_surface(faces)
     x, y = shapely.get_x(inside), shapely.get_y(inside)
     out = np.zeros(faces.size, np.int64)
@@ -52,11 +55,13 @@ def classes_of(faces: NDArray[Any], stack: Sequence[Any]) -> IntArray:
 
 
 def without_threads(faces: NDArray[Any], classes: IntArray) -> IntArray:
-    """Classes of faces; one that is nowhere 0.2 m wide joins the next higher one that it borders.
+    """Return classes of faces without threads.
+
+    One that is nowhere 0.2 m wide joins the next higher one that it borders.
 
     Again and again, as several may lie side by side. What is no wider than the rounding of
     coordinates joins the highest wider one that it borders, also a lower one; a thread that came
-    to a class over such a bridge alone goes back to that of its neighbours.
+    to a class only over such a bridge goes back to that of its neighbours.
     """
     out = classes.copy()
     threads = np.flatnonzero(_nowhere_wider(faces, _THREAD_M))
@@ -81,14 +86,14 @@ def without_threads(faces: NDArray[Any], classes: IntArray) -> IntArray:
 
 
 def _highest_beside(classes: IntArray, thread: IntArray, face: IntArray) -> IntArray:
-    """Highest class of the faces beside each thread; -1 elsewhere."""
+    """Return highest class of the faces next to each thread; -1 elsewhere."""
     highest = np.full(classes.size, -1)
     np.maximum.at(highest, thread, classes[face])
     return highest
 
 
 def _nowhere_wider(faces: NDArray[Any], width_m: float) -> BoolArray:
-    """Whether no disk as wide fits into a polygon."""
+    """Return whether no disk as wide fits into a polygon."""
     half = width_m / 2.0
     # All of such a polygon lies within half a width of its border: along the sides, or in a
     # sector of a half disk at most around a vertex.
@@ -101,7 +106,10 @@ def _nowhere_wider(faces: NDArray[Any], width_m: float) -> BoolArray:
 def without_small(
     faces: NDArray[Any], classes: IntArray, smallest_m2: float
 ) -> tuple[Coverage, IntArray]:
-    """Zones of faces, and their classes; a small zone joins the next higher one that it borders."""
+    """Return zones of faces, and their classes.
+
+    A small zone joins the next higher one that it borders.
+    """
     while True:
         zones = dissolved(faces, classes)
         is_small = shapely.area(zones.polygons) < smallest_m2
@@ -121,7 +129,7 @@ def without_small(
 
 
 def joined_coverages(parts: Sequence[Coverage]) -> Coverage:
-    """Zones of several places: those of the lowest class first, then from north and west."""
+    """Return zones of several places: those of the lowest class first, then from north and west."""
     classes = np.concatenate([np.empty(0, np.int64), *(p.classes for p in parts)])
     polygons = np.concatenate([np.empty(0, object), *(p.polygons for p in parts)])
     west, south, east, north = shapely.bounds(polygons).reshape(-1, 4).T
@@ -130,7 +138,10 @@ def joined_coverages(parts: Sequence[Coverage]) -> Coverage:
 
 
 def dissolved(faces: NDArray[Any], classes: IntArray) -> Coverage:
-    """Faces of the same class as one zone where they share a border; those of class 0 are none."""
+    """Return faces of the same class as one zone where they share a border.
+
+    Those of class 0 are none.
+    """
     zones = []
     for k in np.unique(classes[classes > 0]).tolist():
         own = polygons_of(shapely.coverage_union_all(faces[classes == k]))

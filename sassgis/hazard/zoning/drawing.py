@@ -53,20 +53,20 @@ _NOWHERE = shapely.Polygon()
 
 
 def _grown(area: Any, distance_m: float, chords: int = 6) -> Any:
-    """An area with all that lies within a distance of it, or without its rim where that is < 0.
+    """Return area with all that lies within a distance of it, or without its rim where that is < 0.
 
     Of several areas each grows by itself; those that shrink become one. Corners become ``chords``
     to a quarter of a circle: six keep within a hundredth of the distance.
     """
     if distance_m >= 0.0:
         return shapely.buffer(area, distance_m, quad_segs=chords)
-    # Parts that shrink do not meet: of one with many GEOS looks at each beside all others.
+    # Parts that shrink do not meet: of one with many GEOS looks at each next to all others.
     parts = shapely.buffer(shapely.get_parts(area), distance_m, quad_segs=chords)
     return shapely.multipolygons(shapely.get_parts(parts))
 
 
 def _simplified(area: Any, tolerance_m: float) -> Any:
-    """An area without vertices that lie this near to the line without them.
+    """Return an area without vertices that lie this near to the line without them.
 
     Douglas and Peucker (1973). Where lines cross for it, with the vertices that avert that: looking
     for these takes several times as long.
@@ -76,7 +76,7 @@ def _simplified(area: Any, tolerance_m: float) -> Any:
 
 
 def _smooth(area: Any, tolerance_m: float) -> Any:
-    """An area in fewer, longer lines, none of which cuts into it.
+    """Return an area in fewer, longer lines, none of which cuts into it.
 
     Grown by half of the tolerance, and then simplified by less than that: the new line stays
     outside, and within the tolerance.
@@ -89,17 +89,17 @@ def _smooth(area: Any, tolerance_m: float) -> Any:
 
 
 def _closed(area: Any, gap_m: float) -> Any:
-    """An area with the gaps into which no disk fits that is as wide."""
+    """Return an area with the gaps into which no disk fits that is as wide."""
     return _grown(_grown(area, gap_m / 2.0), -gap_m / 2.0)
 
 
 def _narrow(
     areas: NDArray[Any], width_m: float, corner: float = _ACROSS
 ) -> tuple[NDArray[Any], IntArray]:
-    """Parts of polygons into which no disk fits that is as wide, and the polygon of each."""
+    """Return parts of polygons into which no disk fits that is as wide, and the polygon of each."""
     # A part of exactly this width is not narrow.
     half = _FITS * width_m / 2.0
-    # One by one, as they are: GEOS would look at each beside all others.
+    # One by one, as they are: GEOS would look at each next to all others.
     wide = _grown(shapely.buffer(areas, -half, quad_segs=6), corner * half)
     parts, of = shapely.get_parts(shapely.difference(areas, wide), return_index=True)
     large = shapely.area(parts) > _SPECK * width_m**2
@@ -107,7 +107,7 @@ def _narrow(
 
 
 def _widened(area: Any, width_m: float) -> Any:
-    """An area whose narrow parts have grown until a disk fits."""
+    """Return an area whose narrow parts have grown until a disk fits."""
     near = grown = area
     for _ in range(_STEP // 2):
         narrow, _ = _narrow(polygons_of(near), width_m, _CORNER)
@@ -117,13 +117,13 @@ def _widened(area: Any, width_m: float) -> Any:
             break
         grown = shapely.union_all(_grown(narrow, width_m / _STEP))
         area = shapely.union(area, grown)
-        # Only beside what has grown may another part be narrow still.
+        # Only next to what has grown may another part be narrow still.
         near = shapely.intersection(area, _grown(grown, 2.0 * width_m, 2))
     return area
 
 
 def _enlarged(area: Any, smallest_m2: float, known: Any) -> Any:
-    """What the small parts of an area grow to, evenly, until they have the smallest area.
+    """Grow the small parts of an area evenly until they have the smallest area.
 
     In a corner of the known terrain a part grows farther than on open ground, but not without end.
     """
@@ -142,7 +142,7 @@ def _enlarged(area: Any, smallest_m2: float, known: Any) -> Any:
 
 
 def _filled(area: Any, smallest_m2: float) -> Any:
-    """An area without holes smaller than an area."""
+    """Return an area without holes smaller than an area."""
     parts = polygons_of(area)
     rings, part = shapely.get_rings(parts, return_index=True)
     holes = shapely.polygons(rings[np.diff(part, prepend=-1) == 0])
@@ -151,7 +151,7 @@ def _filled(area: Any, smallest_m2: float) -> Any:
 
 
 def _superlevel(cells: Any, inside: Sequence[Any], rules: Drawing, gap_m: float, known: Any) -> Any:
-    """Area of a class and those above it: its cells, smoothed, and what must lie within."""
+    """Return area of a class and those above it: its cells, smoothed, and what must lie within."""
     must = [cells, *inside]
     area = _smooth(cells, rules.tolerance_m)
     if rules.width_m > 0.0:
@@ -175,7 +175,7 @@ def _superlevel(cells: Any, inside: Sequence[Any], rules: Drawing, gap_m: float,
 
 
 def _with(area: Any, others: Sequence[Any]) -> Any:
-    """An area with others, many parts of which it holds already."""
+    """Return an area with others, many parts of which it holds already."""
     for other in others:
         # One by one: in a union of all, GEOS cuts a large part again for each group of others.
         shapely.prepare(area)
@@ -187,7 +187,7 @@ def _with(area: Any, others: Sequence[Any]) -> Any:
 
 
 def _on_terrain(area: Any, known: Any, must: Sequence[Any]) -> Any:
-    """The parts of an area on known terrain in which something lies that must be in it."""
+    """Return the parts of an area on known terrain in which something lies that must be in it."""
     if shapely.covers(known, area):
         return area
     parts = polygons_of(shapely.intersection(area, known))
@@ -197,9 +197,9 @@ def _on_terrain(area: Any, known: Any, must: Sequence[Any]) -> Any:
 
 
 def _with_rims(higher: Any, lower: Any, rules: Drawing) -> Any:
-    """The higher area with what lies between it and the lower one and is too small to be drawn.
+    """Return higher area with what lies between it and the lower one and is too small to be drawn.
 
-    Narrow parts and small pieces beside the higher area belong to it. Narrow ends that do not touch
+    Narrow parts and small parts next to the higher area belong to it. Narrow ends that do not touch
     it stay what they are.
     """
     parts = polygons_of(shapely.difference(lower, higher))
@@ -224,7 +224,7 @@ def _with_rims(higher: Any, lower: Any, rules: Drawing) -> Any:
 
 
 def _is_beside(area: Any, parts: NDArray[Any]) -> BoolArray:
-    """Whether parts share a border with an area, and not a point only."""
+    """Return whether parts share a border with an area, and not a point only."""
     place, ring = shapely.get_coordinates(shapely.get_rings(parts), return_index=True)
     begin, end = place[:-1], place[1:]
     border = shapely.boundary(area)
@@ -237,7 +237,7 @@ def _is_beside(area: Any, parts: NDArray[Any]) -> BoolArray:
 
 
 def reach_cells(rules: Drawing, cell_size: float) -> int:
-    """Cells from a zone within which drawing it looks at others, and may add to it."""
+    """Return cells from a zone within which drawing it looks at others, and may add to it."""
     grown = rules.width_m + _FARTHEST * math.sqrt(rules.area_m2) + rules.tolerance_m
     return math.ceil((2.0 * grown + max(rules.gap_m, rules.envelope_m)) / cell_size) + 2
 
@@ -280,8 +280,8 @@ def drawn_zones(
     Lines are those of mathematical morphology with disks (Serra 1982), on polygons. For each class,
     from the highest, the area of the cells of it and the higher ones is smoothed outwards, narrow
     parts are widened, what the higher class and the map before have is added, gaps are closed,
-    small parts enlarged, gaps beside them closed, and small holes filled. Then, from the lowest
-    class, narrow and small parts beside a higher class join that.
+    small parts enlarged, gaps next to them closed, and small holes filled. Then, from the lowest
+    class, narrow and small parts next to a higher class join that.
     """
     maps = [np.asarray(m, np.int16) for m in maps]
     for m in maps:
@@ -317,7 +317,7 @@ class _Place:
 
 
 def _places(whole: _Place, reach: int) -> Iterator[_Place]:
-    """Each place whose zones do not feel those of another."""
+    """Yield each place whose zones do not feel those of another."""
     # Those between which there is more than the reach.
     near = ndimage.distance_transform_edt(np.max(whole.maps, axis=0) == 0) <= reach / 2 + 1
     place_of, _ = ndimage.label(near, np.ones((3, 3)))
@@ -334,7 +334,7 @@ def _places(whole: _Place, reach: int) -> Iterator[_Place]:
 def _stacks(
     place: _Place, rules: Drawing, enveloped: Sequence[bool], n_classes: int
 ) -> list[list[Any]]:
-    """Of each map, the area of each class with those above it; a large place in parts."""
+    """Return for each map the area of each class with those above it; a large place in parts."""
     n_rows, n_cols = place.grid.shape
     along_rows, size = n_rows >= n_cols, place.grid.cell_size
     cuts = overlapping(max(n_rows, n_cols), reach_cells(rules, size))
@@ -361,7 +361,7 @@ def _stacks_at_once(
 
 
 def _raised(place: _Place, gaps: Sequence[float], smallest_m2: float) -> ClassMap:
-    """Classes of the cells of a map, raised where what is drawn is of that class anyway.
+    """Return classes of the cells of a map, raised where what is drawn is of that class anyway.
 
     Between cells that lie near each other on all sides, and in small holes, lines would be drawn
     that closing gaps and filling holes takes away. Here they are not made.
@@ -398,7 +398,10 @@ def _raised(place: _Place, gaps: Sequence[float], smallest_m2: float) -> ClassMa
 def _stack(
     place: _Place, rules: Drawing, envelope: bool, within: Sequence[Any], known: Any
 ) -> list[Any]:
-    """Area of each class with those above it, from class 1; each contains that of ``within``."""
+    """Return the area of each class with those above it, from class 1.
+
+    Each contains that of ``within``.
+    """
     stack: list[Any] = []
     higher = _NOWHERE
     gaps = [rules.gap_m] * len(within)
@@ -415,7 +418,7 @@ def _stack(
 
 
 def _nested(stacks: Sequence[Sequence[Any]], smallest_m2: float) -> list[Coverage]:
-    """Maps on common lines, each of which contains the one before."""
+    """Return maps on common lines, each of which contains the one before."""
     faces = faces_of([area for stack in stacks for area in stack])
     below = np.zeros(faces.size, np.int64)
     out = []

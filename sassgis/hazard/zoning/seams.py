@@ -27,7 +27,7 @@ Stacks = Sequence[Sequence[Any]]
 
 
 def overlapping(n_cells: int, reach: int) -> list[slice]:
-    """Stretches of a row of cells, each with the reach of drawing beyond its seams.
+    """Return stretches of a row of cells, each with the reach of drawing beyond its seams.
 
     None of them would be divided again.
     """
@@ -40,7 +40,7 @@ def overlapping(n_cells: int, reach: int) -> list[slice]:
 def joined_at_seams(
     parts: Sequence[Stacks], middles: FloatArray, cell_size: float, axis: int
 ) -> list[list[Any]]:
-    """Areas of a place, which are cut along the seams.
+    """Return areas of a place, which are cut along the seams.
 
     Parameters
     ----------
@@ -76,7 +76,7 @@ def joined_at_seams(
 
 
 def _seam(before: Stacks, after: Stacks, middle: float, half: float, axis: int) -> float:
-    """Where the areas of two parts differ least; among equals nearest to the middle."""
+    """Find where the areas of two parts differ least; among equals nearest to the middle."""
     low, high = middle - half, middle + half
     at = np.round(np.linspace(low, high, _CHOICES), 3)
     ends = np.full((at.size, 2, 2), [[-_FAR], [_FAR]])
@@ -96,7 +96,7 @@ def _seam(before: Stacks, after: Stacks, middle: float, half: float, axis: int) 
 
 
 def _within(area: Any, low: float, high: float, axis: int) -> Any:
-    """Polygons of an area between two coordinates on an axis."""
+    """Return polygons of an area between two coordinates on an axis."""
     ends = np.array([[-_FAR, -_FAR], [_FAR, _FAR]])
     ends[:, axis] = low, high
     box = shapely.box(*ends.ravel())

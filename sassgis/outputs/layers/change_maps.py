@@ -1,4 +1,4 @@
-"""What changes from one result to another: maps, zones and tables."""
+"""Changes from one result to another: maps, zones and tables."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ _BREAKS = {
 
 
 def change_layers(before: StoredResult, after: StoredResult) -> tuple[RasterLayer, ...]:
-    """Maps of the change on the same cells, each with bands of the value before and after."""
+    """Map the change on the same cells, each map with bands of the value before and after."""
     layers = []
     for stem, band, title, unit in compared_maps(before, after):
         old, new = (r.band(stem, band) for r in (before, after))
@@ -55,7 +55,7 @@ def change_layers(before: StoredResult, after: StoredResult) -> tuple[RasterLaye
 
 
 def level_change_layer(before: StoredResult, after: StoredResult) -> RasterLayer:
-    """Where the hazard level is higher or lower, with bands of the level before and after."""
+    """Map where the hazard level is higher or lower, with bands of the level before and after."""
     key = "hazard_level_change"
     old, new = (r.band(*LEVEL[:2]) for r in (before, after))
     values = {"change": 2.0 + np.sign(difference(old, new)), "before": old, "after": new}
@@ -68,7 +68,10 @@ def level_change_layer(before: StoredResult, after: StoredResult) -> RasterLayer
 def zone_changes(
     before: StoredResult, after: StoredResult
 ) -> tuple[VectorLayer, pd.DataFrame] | None:
-    """Pieces of the zones by what becomes of their level, and their areas; None without zones."""
+    """Return parts of the zones by what becomes of their level, and their areas.
+
+    It is None without zones.
+    """
     if before.zones is None or after.zones is None:
         return None
     both = changes(_one_class_each(before.zones), _one_class_each(after.zones))
@@ -83,17 +86,17 @@ def zone_changes(
 
 
 def _one_class_each(zones: Coverage) -> Coverage:
-    """Zones of a class as one: only borders between levels are to cut the other zones."""
+    """Return zones of a class as one: only borders between levels are to cut the other zones."""
     frame = gpd.GeoDataFrame({"k": zones.classes}, geometry=list(zones.polygons)).dissolve("k")
     return Coverage(frame.geometry.to_numpy(), frame.index.to_numpy(np.int64))
 
 
 def change_rows_table(rows: Sequence[ChangeRow]) -> pd.DataFrame:
-    """Every number before and after, a row each."""
+    """Return every number before and after, a row each."""
     columns = same("part", "name", "quantity", "unit", "before", "after", "change")
     return table_of(rows, columns, dict.fromkeys(("before", "after", "change"), 6))
 
 
 def difference_table(differences: Sequence[SettingChange]) -> pd.DataFrame:
-    """In what program, settings, inputs and libraries differ, a row each."""
+    """List in what program, settings, inputs and libraries differ, a row each."""
     return table_of(differences, same("kind", "name", "before", "after"), {})

@@ -78,7 +78,7 @@ def _finding_columns(findings: Sequence[GapFinding]) -> dict[str, Any]:
 
 
 def _drawing_order(findings: Sequence[GapFinding]) -> list[GapFinding]:
-    """Least certain first, so that the others lie on top."""
+    """Sort the least certain first, so that the others lie on top."""
     return sorted(findings, key=lambda f: (-f.p_adjusted, -f.q_value))
 
 
@@ -88,7 +88,7 @@ def _gap_style(symbol: Symbol) -> VectorStyle:
 
 
 def gap_points(case: Case, diagnosis: Diagnosis) -> VectorLayer:
-    """Gaps at stations, ground classes or the whole slope, as points."""
+    """Return gaps at stations, ground classes or the whole slope, as points."""
     chosen = _drawing_order([f for f in diagnosis.where if not _on_lines(f)])
     places = [
         shapely.Point(f.x, f.y) if math.isfinite(f.x) and math.isfinite(f.y) else None
@@ -100,12 +100,12 @@ def gap_points(case: Case, diagnosis: Diagnosis) -> VectorLayer:
 
 
 def _on_lines(finding: GapFinding) -> bool:
-    """Whether a finding is drawn along the fall lines. Kinds of ground lie in patches."""
+    """Return whether a finding is drawn along the fall lines; kinds of ground lie in patches."""
     return is_stretch(finding) and not finding.place.startswith("ground:")
 
 
 def gap_stretches(case: Case, diagnosis: Diagnosis) -> VectorLayer:
-    """Gaps of reaches, along the fall lines."""
+    """Return gaps of reaches, along the fall lines."""
     chosen = _drawing_order([f for f in diagnosis.where if _on_lines(f)])
     rows, shapes = [], []
     for finding in chosen:
@@ -128,7 +128,7 @@ def gap_stretches(case: Case, diagnosis: Diagnosis) -> VectorLayer:
 
 
 def station_layer(case: Case) -> VectorLayer:
-    """Stations of the observations."""
+    """Return stations of the observations."""
     table = case.observations.stations
     rows = [i for i, v in enumerate(table.vertices) if v.shape[0] > 1]
     passed = case.observations.passages
@@ -151,7 +151,7 @@ def station_layer(case: Case) -> VectorLayer:
 
 
 def fall_line_layer(case: Case) -> VectorLayer:
-    """Fall lines of the observed rocks."""
+    """Return fall lines of the observed rocks."""
     lines = used_lines(case)
     names = np.array(case.observations.rock_names, object)
     rocks = [names[case.line == i] for i in lines]
@@ -169,7 +169,7 @@ def fall_line_layer(case: Case) -> VectorLayer:
 
 
 def _predicted_runout(diagnosis: Diagnosis) -> float:
-    """Mean run-out of the calibrated base model (m); NaN if it was not compared."""
+    """Return the mean run-out of the calibrated base model (m); NaN if it was not compared."""
     for comparison in diagnosis.comparisons:
         values = [v for v in comparison.base if math.isfinite(v)]
         if comparison.quantity.startswith("runout") and values:
@@ -178,7 +178,7 @@ def _predicted_runout(diagnosis: Diagnosis) -> float:
 
 
 def stop_layer(case: Case, diagnosis: Diagnosis) -> VectorLayer:
-    """Observed stops, with the predicted run-out."""
+    """Return observed stops, with the predicted run-out."""
     table, at = case.observations.deposits, case.projected["deposits"]
     rows = np.flatnonzero(np.isfinite(table.x) & np.isfinite(table.y))
     # Unattributed blocks belong to no rock.
@@ -213,7 +213,7 @@ def stop_layer(case: Case, diagnosis: Diagnosis) -> VectorLayer:
 
 
 def impact_layer(case: Case) -> VectorLayer:
-    """Observed impacts."""
+    """Return observed impacts."""
     table, at = case.observations.impacts, case.projected["impacts"]
     rows = np.flatnonzero(np.isfinite(table.x) & np.isfinite(table.y))
     before = np.hypot(table.vt_in_mps, table.vn_in_mps)
@@ -238,7 +238,9 @@ def impact_layer(case: Case) -> VectorLayer:
 
 
 def stand_polygon(case: Case, stand: tuple[float, float]) -> shapely.MultiPolygon:
-    """Area of a stand between two chainages of the fall lines (m); empty where none reaches it.
+    """Return the area of a stand between two chainages of the fall lines (m).
+
+    It is empty where no line reaches it.
 
     The stretches of the fall lines widened to both sides, as far as it takes to join neighbours.
     """
@@ -259,7 +261,7 @@ def stand_polygon(case: Case, stand: tuple[float, float]) -> shapely.MultiPolygo
 
 
 def stand_layer(case: Case, model: HypothesisModel) -> VectorLayer | None:
-    """Where a fitted forest would have to stand; None if none was fitted."""
+    """Map where a fitted forest would have to stand; None if none was fitted."""
     stand = model.stand
     if stand is None:
         return None

@@ -32,7 +32,7 @@ def hazard_layers(
     return_periods: Sequence[float],
     confidence: float = 0.95,
 ) -> tuple[RasterLayer, ...]:
-    """Maps of level, intensity, energy, return period and frequency, and how sure the level is.
+    """Map level and its certainty, intensity, energy, return period and frequency.
 
     Cells to which a statement does not apply are NaN: those that no block reaches, or not as often;
     but another sample may give a level to some that this one does not reach.

@@ -25,7 +25,7 @@ class Place(NamedTuple):
     shape: tuple[int, int]
 
     def map_of(self, values: NDArray[Any]) -> NDArray[np.float32]:
-        """A map of the values, NaN elsewhere."""
+        """Return a map of the values, NaN elsewhere."""
         out = np.full(self.shape[0] * self.shape[1], np.nan, np.float32)
         out[self.cells] = values.astype(np.float32)
         return out.reshape(self.shape)
@@ -34,7 +34,7 @@ class Place(NamedTuple):
 def described_band(
     key: str, column: str, values: NDArray[Any], name: str = "", **words: object
 ) -> Band:
-    """A band as its row in ``data/map_layers.csv`` describes it.
+    """Return a band as its row in ``data/map_layers.csv`` describes it.
 
     Its name is that of the row unless another is given; ``words`` take the places of ``{...}``.
     """
@@ -53,21 +53,21 @@ def described_raster(
     stem: str = "",
     **words: object,
 ) -> RasterLayer:
-    """A map with the title and note of its row in ``data/map_layers.csv``; see RasterLayer."""
+    """Return map with the title and note of its row in ``data/map_layers.csv``; see RasterLayer."""
     row = descriptions()[key][""]
     title, note = (phrase(row[part], **words) for part in ("alias", "description"))
     return RasterLayer(stem or key, title, note, tuple(bands), tuple(breaks), ramp, tuple(classes))
 
 
 def level_classes(preset: HazardPreset) -> list[RasterClass]:
-    """Hazard levels as classes of a map, from 1."""
+    """Return hazard levels as classes of a map, from 1."""
     return [
         RasterClass(k, c.label, c.colour, c.hatched) for k, c in enumerate(preset.levels, start=1)
     ]
 
 
 def terrain_layer(grid: Grid) -> RasterLayer:
-    """The heights, to be shown as relief."""
+    """Return the heights, to be shown as relief."""
     heights = grid.vertical_datum or "datum not stated"
     bands = [described_band("terrain", "height", grid.values)]
     return described_raster("terrain", bands, (), HILLSHADE, heights=heights)
@@ -81,7 +81,7 @@ def map_layers(
     cell_size: float,
     energy_classes_kj: tuple[float, ...] | None = None,
 ) -> tuple[RasterLayer, ...]:
-    """Layers of all that is known per cell of the blocks; NaN in cells that none reaches.
+    """Return layers of all that is known per cell of the blocks; NaN in cells that none reaches.
 
     ``edges`` are those of the histograms by quantity. The side of a cell (m) is the reference width
     of the reach probability. The energy classes (kJ) are those of the legend, if they are not those

@@ -28,7 +28,7 @@ from sassgis.settings.styles import FieldInfo, StyleClass, Symbol, VectorStyle, 
 #: No colours of hazard levels, under which objects would not be seen.
 _RAMP = "RdPu"
 _NOTHING_COLOUR = "#8c8c8c"
-#: Less than any risk, and more than 0: what has none is a class of its own.
+#: Less than any risk, and more than 0: what has none is a separate class.
 _LEAST = 1e-30
 _RISK_LIMITS = (1e-6, 1e-5, 1e-4, 1e-3)
 _LOSS_LIMITS = (1.0, 10.0, 100.0, 1000.0, 10_000.0)
@@ -64,7 +64,10 @@ _LIMITS = "by the sampling of blocks; none of the model or of the onset frequenc
 
 
 def exposed_layers(placed: PlacedObjects, crs: str) -> list[VectorLayer]:
-    """Layers of areas, lines and points, those that have objects; stretches of a road as one."""
+    """Return layers of areas, lines and points, those that have objects.
+
+    Stretches of a road are one object.
+    """
     whole = {"name": [t.whole for t in placed.objects], "kind": [t.kind for t in placed.objects]}
     frame = gpd.GeoDataFrame(whole, geometry=list(placed.geometries), crs=crs or None)
     frame = frame.dissolve(["name", "kind"], sort=False).reset_index()[["name", "kind", "geometry"]]
@@ -85,7 +88,7 @@ def exposed_layers(placed: PlacedObjects, crs: str) -> list[VectorLayer]:
 def risk_frames(
     table: RiskTable, currency: str, values: ObjectValues | None = None
 ) -> dict[str, pd.DataFrame]:
-    """The tables of a run by the stem of their files; the currency is a column of its own.
+    """Return the tables of a run by the stem of their files; the currency is a separate column.
 
     ``risk_objects``: a row per object, with ``values`` where they are given. ``risk_sources``: a
     row per object and source that hits it. ``risk_total``: sums by road, kind, source, and over
@@ -116,7 +119,7 @@ def risk_frames(
 
 
 def value_columns(values: ObjectValues | None) -> dict[str, ObjectEstimate]:
-    """What reaches the objects by the names of the columns of its values."""
+    """Return energies and heights at the objects, by the names of their columns."""
     if values is None:
         return {}
     return {
@@ -132,7 +135,7 @@ def risk_tables(
     currency: str,
     values: tuple[ObjectValues | None, ObjectValues | None] = (None, None),
 ) -> dict[str, pd.DataFrame]:
-    """The tables of a run with walls and nets, and those of ``without`` them if there are any."""
+    """Return tables of a run with walls and nets, and those of ``without`` them if any."""
     frames = risk_frames(table, currency, values[0])
     if without is not None:
         before = risk_frames(without, currency, values[1])
@@ -151,7 +154,7 @@ def risk_vectors(
     currency: str,
     values: ObjectValues | None = None,
 ) -> list[VectorLayer]:
-    """Layers of the objects of a table (in its order) with their attributes and results.
+    """Return layers of the objects of a table (in its order) with their attributes and results.
 
     ``risk_objects`` (polygons), ``risk_lines`` (stretches) and ``risk_points``, those that have
     objects. Colours show the individual risk where people are at stake (on roads: the deaths on
@@ -185,7 +188,7 @@ def _words(quantity: str, currency: str) -> FieldInfo:
 
 
 def _fields(table: RiskTable, currency: str) -> dict[str, FieldInfo]:
-    """What the columns of numbers per year mean."""
+    """Describe the columns of numbers per year."""
     fields = {}
     described = {
         f"hits_{c}": FieldInfo(phrase("hits of intensity {}", c), "1/year")
@@ -200,7 +203,7 @@ def _fields(table: RiskTable, currency: str) -> dict[str, FieldInfo]:
 
 
 def _value_fields(values: ObjectValues | None) -> dict[str, FieldInfo]:
-    """What the columns of energies and heights mean."""
+    """Describe the columns of energies and heights."""
     fields = {}
     for name, estimate in value_columns(values).items():
         quantity, what, unit = name.split("_")

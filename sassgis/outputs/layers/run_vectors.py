@@ -65,7 +65,7 @@ _LINE_CUT = (LineEnd.LEFT_DEM, LineEnd.NODATA, LineEnd.MAX_LENGTH)
 
 
 def release_areas(run: MapRun, planned: Plan) -> VectorLayer:
-    """Release areas with what was released in them."""
+    """Return the release areas with what was released in them."""
     area, n = planned.points.area, len(run.areas)
     rocks = np.bincount(area, weights=planned.blocks_of_point(run), minlength=n)
     return released_from(run.areas, np.bincount(area, minlength=n), rocks, run.grid.crs)
@@ -74,7 +74,7 @@ def release_areas(run: MapRun, planned: Plan) -> VectorLayer:
 def released_from(
     areas: Sequence[ReleaseArea], points: ArrayLike, rocks: ArrayLike, crs: str
 ) -> VectorLayer:
-    """Release areas with the numbers of their release points and blocks."""
+    """Return the release areas with the numbers of their release points and blocks."""
     columns = {
         "name": [a.name for a in areas],
         "scenarios": [";".join(a.scenarios) for a in areas],
@@ -91,7 +91,7 @@ def proposed_areas(
     slopes: FloatArray,
     rock: NDArray[np.bool_] | None = None,
 ) -> VectorLayer:
-    """Patches of steep cells as polygons with what was measured on them.
+    """Return patches of steep cells as polygons with what was measured on them.
 
     All have the shape of the grid: numbers of patches (from 1; 0 elsewhere), slopes (degrees),
     cells that the ground map calls rock.
@@ -119,7 +119,7 @@ def proposed_areas(
 
 
 def release_points(run: MapRun, planned: Plan) -> VectorLayer:
-    """Release points."""
+    """Return the release points."""
     points = planned.points
     columns = {
         "area": [points.area_names[a] for a in points.area],
@@ -130,7 +130,7 @@ def release_points(run: MapRun, planned: Plan) -> VectorLayer:
 
 
 def fall_lines(run: MapRun, planned: Plan, progress: Progress) -> VectorLayer:
-    """Fall lines with length, drop and why they end."""
+    """Return fall lines with length, drop and why they end."""
     lines = joined_lines(progress.lines)
     sizes = np.diff(lines.offset)
     # A line of one point has no length; it is drawn as a dot of zero length.
@@ -156,7 +156,7 @@ def fall_lines(run: MapRun, planned: Plan, progress: Progress) -> VectorLayer:
 
 
 def stops(run: MapRun, planned: Plan, progress: Progress) -> VectorLayer:
-    """Where single blocks end: all of them, or an even share of all."""
+    """Map where single blocks end: all of them, or an even share of all."""
     total = int(progress.reasons.sum()) + progress.pieces
     rows = kept_stops(run, progress)
     on_map = np.isfinite(rows.x) & np.isfinite(rows.y)
@@ -180,7 +180,7 @@ def stops(run: MapRun, planned: Plan, progress: Progress) -> VectorLayer:
 
 
 def block_paths(paths: Sequence[BlockPath], crs: str) -> VectorLayer:
-    """Paths of single blocks, with heights; ``crs`` is empty for local coordinates."""
+    """Return paths of single blocks, with heights; ``crs`` is empty for local coordinates."""
     columns = {
         "area": [p.area for p in paths],
         "scenario": [p.scenario for p in paths],
@@ -202,7 +202,7 @@ _OUTCOMES = [
 
 
 def control_line_layers(run: MapRun, progress: Progress) -> list[VectorLayer]:
-    """Stations, and walls and nets, with the statistics of the blocks that reach them."""
+    """Return stations, and walls and nets, with the statistics of the blocks that reach them."""
     rows = control_line_rows(progress.control_lines)
     kinds = [line.kind for line, _ in run.control_lines]
     stations = [i for i, kind in enumerate(kinds) if kind == "station"]
@@ -229,9 +229,11 @@ def control_line_layers(run: MapRun, progress: Progress) -> list[VectorLayer]:
 
 
 def cell_outlines(numbers: NDArray[Any], grid: Grid) -> Iterator[tuple[Any, int]]:
-    """Patches of cells with the same number above 0: outline with the corners of cells, number.
+    """Yield patches of cells with the same number above 0.
 
-    Cells that touch at a corner only are patches of their own.
+    Each is an outline with the corners of cells, and the number.
+
+    Cells that touch at a corner only are separate patches.
     """
     patches = rasterio.features.shapes(
         numbers, numbers > 0, connectivity=4, transform=affine_of(grid)
@@ -243,7 +245,7 @@ def cell_outlines(numbers: NDArray[Any], grid: Grid) -> Iterator[tuple[Any, int]
 def footprints(
     probability: NDArray[np.float32], grid: Grid, levels: Sequence[float]
 ) -> dict[float, Any]:
-    """Areas where the reach probability is at least each of some levels, ascending.
+    """Return areas where the reach probability is at least each of some levels, ascending.
 
     The probability has the shape of the grid and is NaN where no block arrives. Level 0 means every
     cell that a block reaches. Levels that no cell has are left out.
@@ -263,7 +265,7 @@ def _footprint_label(level: float) -> str:
 
 
 def footprint(run: MapRun, layers: Sequence[RasterLayer]) -> VectorLayer:
-    """Outline of the cells that blocks reach, and of higher reach probabilities."""
+    """Return the outline of the cells that blocks reach, and of higher reach probabilities."""
     reach = next(layer for layer in layers if layer.stem == "reach_probability")
     outlines = footprints(reach.bands[0].values, run.grid, FOOTPRINT_LEVELS)
     columns = {
@@ -282,7 +284,7 @@ def footprint(run: MapRun, layers: Sequence[RasterLayer]) -> VectorLayer:
 def all_layers(
     run: MapRun, planned: Plan, progress: Progress, layers: Sequence[RasterLayer]
 ) -> list[VectorLayer]:
-    """The layers of ``result.gpkg``; ``layers`` are the maps of the blocks."""
+    """Return the layers of ``result.gpkg``; ``layers`` are the maps of the blocks."""
     return [
         release_areas(run, planned),
         release_points(run, planned),

@@ -1,4 +1,4 @@
-"""Maps, areas and tables of what is found with other values of the ground classes."""
+"""Maps, areas and tables of results with other values of the ground classes."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ _LOOKS: dict[str, tuple[tuple[float, ...], str]] = {
     "reach_share": (_SHARES, "YlGnBu"),
     "energy_ratio": ((0.5, 0.8, 1.25, 2.0, 4.0), "RdBu_r"),
 }
-#: Colours for the parameters, told apart as well as so many can be (P. Tol, 2021, "muted").
+#: Colours for the parameters, as distinct as so many can be (P. Tol, 2021, "muted").
 _COLOURS = (
     "#332288", "#88ccee", "#44aa99", "#117733", "#999933", "#ddcc77", "#cc6677", "#882255",
     "#aa4499", "#6699cc", "#661100", "#dddddd",
@@ -53,7 +53,7 @@ def sensitivity_layers(
     shape: tuple[int, int],
     preset: HazardPreset | None,
 ) -> tuple[RasterLayer, ...]:
-    """All maps; those of levels only with a preset."""
+    """Return all maps; those of levels only with a preset."""
     text = (
         "{} simulations with values that fill the ranges of all ground classes; the same blocks "
         "in each."
@@ -84,7 +84,7 @@ def sensitivity_layers(
 def _parameter_classes(
     strongest: NDArray[np.int64], ranges: Sequence[ParameterRange]
 ) -> tuple[RasterClass, ...]:
-    """The ranges that occur, in colours of their own from the most frequent; the rest in one."""
+    """Return ranges that occur, in separate colours from the most frequent; the rest in one."""
     count = np.bincount(strongest, minlength=len(ranges) + 1)[1:]
     order = [int(i) for i in np.argsort(-count, kind="stable") if count[i] or i == 0]
     colour = {k: _COLOURS[min(n, len(_COLOURS) - 1)] for n, k in enumerate(order)}
@@ -94,7 +94,7 @@ def _parameter_classes(
 def spread_layers(
     maps: CellMaps, draws: int, grid: Grid, preset: HazardPreset | None, ref_width_m: float
 ) -> tuple[RasterLayer, ...]:
-    """Limits of the bands of the hazard level, with a preset, and of the reach probability.
+    """Return limits of the bands of the hazard level, with a preset, and of the reach probability.
 
     The reference width (m) is that of the hazard level.
     """
@@ -121,7 +121,7 @@ def spread_layers(
 def spread_vectors(
     maps: CellMaps, draws: int, grid: Grid, preset: HazardPreset | None
 ) -> tuple[VectorLayer, ...]:
-    """Areas that blocks reach in some and in most draws, and pieces where levels change."""
+    """Return areas that blocks reach in some and in most draws, and parts where levels change."""
     layers = []
     level, low, high = (maps.bands["ground_level"][name] for name in ("base", "low", "high"))
     for key, other, which in (("higher", high, high > level), ("lower", low, low < level)):
@@ -149,7 +149,7 @@ def spread_vectors(
 def _pieces(
     cells: NDArray[Any], before: NDArray[Any], after: NDArray[Any], grid: Grid
 ) -> gpd.GeoDataFrame:
-    """Patches of cells with the same two levels, as :func:`level_changes` takes them."""
+    """Return patches of cells with the same two levels, as :func:`level_changes` takes them."""
     most = int(max(before.max(initial=0), after.max(initial=0))) + 1
     numbers = raster(grid, cells, 1 + before * most + after).astype(np.int32)
     found = [(shape, *divmod(number - 1, most)) for shape, number in cell_outlines(numbers, grid)]
@@ -164,7 +164,7 @@ def _pieces(
 
 
 def range_table(ranges: Sequence[ParameterRange]) -> pd.DataFrame:
-    """The ranges with their sources."""
+    """Return the ranges with their sources."""
     names = ("parameter", "value", "low", "high", "sd", "source", "verified", "sites", "rocks")
     columns = {"class": "class_name", **same(*names)}
     table = table_of(ranges, columns, {"low": 6, "high": 6, "sd": 6})
@@ -173,13 +173,13 @@ def range_table(ranges: Sequence[ParameterRange]) -> pd.DataFrame:
 
 
 def rule_table(rules: Sequence[RangeRule]) -> pd.DataFrame:
-    """Ranges as ``--ranges`` and ``[ground] ranges`` take them."""
+    """Return ranges as ``--ranges`` and ``[ground] ranges`` take them."""
     names = ("parameter", "kind", "low", "high", "source", "verified", "sites", "rocks")
     return table_of(rules, {"class": "class_name", **same(*names)}, {"low": 6, "high": 6})
 
 
 def effect_table(effects: Sequence[RangeEffect]) -> pd.DataFrame:
-    """A row for each parameter and measure."""
+    """Return a row for each parameter and measure."""
     columns = {
         "class": "range.class_name", "parameter": "range.parameter",
         **same("measure", "unit", "base"), "at_low": "low", "at_high": "high",
@@ -191,13 +191,13 @@ def effect_table(effects: Sequence[RangeEffect]) -> pd.DataFrame:
 
 
 def band_table(bands: Sequence[SpreadBand]) -> pd.DataFrame:
-    """A row for each measure, with the values of the classes and over the draws."""
+    """Return a row for each measure, with the values of the classes and over the draws."""
     columns = {**same("measure", "unit", "base"), "q10": "low", "q50": "middle", "q90": "high"}
     return table_of(bands, columns, dict.fromkeys(("base", "q10", "q50", "q90"), 5))
 
 
 def answer_table(table: Answers, ranges: Sequence[ParameterRange]) -> pd.DataFrame:
-    """A row for each simulation: the values of its parameters, and its measures."""
+    """Return a row for each simulation: the values of its parameters, and its measures."""
     columns: dict[str, list[object]] = {"simulation": [v.name for v in table.variants]}
     for r in ranges:
         key = (r.class_name, r.parameter)

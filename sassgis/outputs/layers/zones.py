@@ -33,7 +33,7 @@ _NAMED_SOURCES = 5
 
 
 def joined_layers(parts: Sequence[Sequence[VectorLayer]]) -> list[VectorLayer]:
-    """Layers of separate places as layers of all of them; zones are numbered through."""
+    """Return layers of separate places as layers of all of them; zones are numbered through."""
     out = []
     for layers in zip(*parts, strict=True):
         frame = pd.concat([layer.frame for layer in layers], ignore_index=True)
@@ -44,7 +44,7 @@ def joined_layers(parts: Sequence[Sequence[VectorLayer]]) -> list[VectorLayer]:
 
 
 def zone_sources(hazard: Hazard) -> pd.DataFrame:
-    """Which source has which share in each zone, a row for each of both that is above 0."""
+    """Tabulate the share of each source in each zone, a row for each share above 0."""
     facts = hazard.facts
     zone, source = np.nonzero(np.nan_to_num(facts.shares) > 0.0)
     sources = [s.source for s in hazard.sampled]
@@ -59,7 +59,7 @@ def zone_sources(hazard: Hazard) -> pd.DataFrame:
 
 
 def _largest(names: Sequence[str], shares: np.ndarray) -> list[str]:
-    """The largest shares of each zone in words: "Nord 62 %, Gully 38 %"."""
+    """Return the largest shares of each zone in words: "Nord 62 %, Gully 38 %"."""
     out = []
     for row in shares:
         if np.isnan(row).all():
@@ -73,7 +73,7 @@ def _largest(names: Sequence[str], shares: np.ndarray) -> list[str]:
 def hazard_zones(
     hazard: Hazard, preset: HazardPreset, grid: Grid, ref_width_m: float, confidence: float
 ) -> VectorLayer:
-    """Zones of hazard level with what governs them and how sure they are."""
+    """Return zones of hazard level with what governs them and how sure they are."""
     facts = hazard.facts
     sources = [s.source for s in hazard.sampled]
     levels = [preset.levels[k - 1] for k in hazard.levels.classes]
@@ -106,27 +106,27 @@ def hazard_zones(
 
 
 def uncertain_zones(uncertain_cells: np.ndarray, grid: Grid, confidence: float) -> VectorLayer:
-    """Cells whose level another sample of blocks might change."""
+    """Return cells whose level another sample of blocks might change."""
     percent = f"{100 * confidence:g} %"
     return _outlined("uncertain", uncertain_cells, grid, uncertain_style(), percent=percent)
 
 
 def reached_limit(reached: IntArray, grid: Grid) -> VectorLayer:
-    """How far simulated blocks came at all, however rarely; ``reached`` are flat cells."""
+    """Outline how far simulated blocks came at all, however rarely; ``reached`` are flat cells."""
     return _outlined("reached_limit", reached, grid, REACHED_STYLE)
 
 
 def _outlined(
     key: str, cells: IntArray, grid: Grid, style: VectorStyle, **words: Any
 ) -> VectorLayer:
-    """Patches of cells with their areas."""
+    """Return patches of cells with their areas."""
     shown = cell_polygons(raster(grid, cells, np.ones(cells.size)) > 0, grid)
     columns = {"area_m2": [round(p.area, 1) for p in shown]}
     return described_layer(key, columns, list(shown), grid.crs, style, **words)
 
 
 def open_limits(hazard: Hazard, preset: HazardPreset, grid: Grid) -> VectorLayer:
-    """Where zones end at the edge of the known terrain, beyond which they go on."""
+    """Map where zones end at the edge of the known terrain, beyond which they go on."""
     limits, length = hazard.facts.open_limit, hazard.facts.open_m
     zone = np.flatnonzero(length > 0.0)
     columns = {
@@ -138,7 +138,7 @@ def open_limits(hazard: Hazard, preset: HazardPreset, grid: Grid) -> VectorLayer
 
 
 def changes(before: Coverage, after: Coverage) -> gpd.GeoDataFrame:
-    """Pieces of two maps of zones with their class in both (0: no zone).
+    """Return parts of two maps of zones with their class in both (0: no zone).
 
     Columns ``before``, ``after``; geometry on the coordinates of the zones.
     """
@@ -154,7 +154,7 @@ def changes(before: Coverage, after: Coverage) -> gpd.GeoDataFrame:
 def level_changes(
     both: gpd.GeoDataFrame, codes: Sequence[str], crs: str, key: str = "level_changes"
 ) -> VectorLayer:
-    """Pieces of zones from :func:`changes` by what becomes of their level.
+    """Return parts of zones from :func:`changes` by what becomes of their level.
 
     ``codes`` are those of the levels, from low to high; ``key`` is the layer of
     ``data/map_layers.csv`` that says what is compared.
@@ -173,7 +173,7 @@ def level_changes(
 def change_table(
     both: gpd.GeoDataFrame, labels: Sequence[str], rows: str = "level_without"
 ) -> pd.DataFrame:
-    """Area by level before (rows) and after (columns), m²; ``both`` from changes."""
+    """Return the area by level before (rows) and after (columns), m²; ``both`` from changes."""
     labels = ["none", *labels]
     area = np.zeros((len(labels), len(labels)))
     np.add.at(area, (both["before"].to_numpy(), both["after"].to_numpy()), both.geometry.area)
@@ -183,12 +183,12 @@ def change_table(
 
 
 def without_barriers(layer: VectorLayer) -> VectorLayer:
-    """The zones of a run without walls and nets, under a name of their own."""
+    """Return the zones of a run without walls and nets, under a separate name."""
     return replace(layer, name="hazard_zones_without", title="Hazard zones without walls and nets")
 
 
 def edits_layer(applied: Sequence[AppliedEdit], preset: HazardPreset, crs: str) -> VectorLayer:
-    """Edits of a result; a layer without features if there are none, to draw in.
+    """Return edits of a result; a layer without features if there are none, to draw in.
 
     What was computed at the time of an edit is noted, so that later runs know it.
     """

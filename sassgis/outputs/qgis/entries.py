@@ -21,7 +21,7 @@ class LayerEntry:
     source: str
     visible: bool = True
     though_empty: bool = False  # kept though it has no features
-    part: str = ""  # name of a part of the layer that is shown alone
+    part: str = ""  # name of a part of the layer that is shown by itself
     part_where: str = ""  # which features are in it: a condition in SQL
 
     @property
@@ -87,7 +87,7 @@ class LayerGroup:
 
 
 def without_empty(group: LayerGroup) -> LayerGroup:
-    """A group without layers that have no features, and without groups that have no layers."""
+    """Return group without layers that have no features, and without groups that have no layers."""
 
     def filled(member: LayerEntry | LayerGroup) -> bool:
         if isinstance(member, LayerGroup):

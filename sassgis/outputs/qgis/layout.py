@@ -44,13 +44,13 @@ class PrintLayout:
     layers: tuple[str, ...]
     extent: Extent  # what the map must show (m)
     facts: tuple[tuple[str, str], ...] = ()  # what it rests on: ("Terrain", "DEM of 2 m, ...")
-    notes: tuple[str, ...] = ()  # what the reader must know; in a box of their own
+    notes: tuple[str, ...] = ()  # what the reader must know; in a separate box
     #: Denominator of the scale for which the zones are drawn: the sheet has no larger one. 0: any.
     drawn_for: float = 0.0
 
 
 def round_scale(extent: Extent, width_mm: float, height_mm: float) -> float:
-    """Denominator of the largest round scale, at least 100, at which an extent (m) fits a frame."""
+    """Return the largest round scale's denominator, 100 or more, at which an extent (m) fits."""
     west, south, east, north = extent
     needed = 1000.0 * max((east - west) / width_mm, (north - south) / height_mm)
     needed = max(needed, 100.0) * (1.0 - 1e-9)
@@ -59,20 +59,20 @@ def round_scale(extent: Extent, width_mm: float, height_mm: float) -> float:
 
 
 def round_length(longest: float) -> float:
-    """The largest of 1, 2, 5, 10, 20, ... that is not above a length."""
+    """Return the largest of 1, 2, 5, 10, 20, ... that is not above a length."""
     power = 10.0 ** math.floor(math.log10(longest))
     return max(n * power for n in (1.0, 2.0, 5.0) if n * power <= longest * (1.0 + 1e-9))
 
 
 def scale_text(scale: float) -> str:
-    """The number of a scale as QGIS writes it."""
+    """Return the number of a scale as QGIS writes it."""
     return f"{scale:,.0f}".replace(",", "\u00a0")
 
 
 def layout_element(
     layout: PrintLayout, layers: Mapping[str, LayerEntry], crs_name: str
 ) -> ET.Element:
-    """The ``Layout`` element of a project; ``crs_name`` is empty for local coordinates.
+    """Return the ``Layout`` element of a project; ``crs_name`` is empty for local coordinates.
 
     Raises
     ------
@@ -127,7 +127,7 @@ class _Sheet:
         self.gap = 3.0
 
     def box(self, name: str) -> tuple[float, float, float, float]:
-        """Left, top, width and height of an item (mm)."""
+        """Return left, top, width and height of an item (mm)."""
         item = self.items[name]
         x, y = item.get("position", "").split(",")[:2]
         width, height = item.get("size", "").split(",")[:2]
@@ -194,7 +194,7 @@ def _fill_map(
 
 
 def _fill_above(sheet: _Sheet, layout: PrintLayout, shown: Sequence[LayerEntry]) -> float:
-    """Title, subtitle and legend from the top of the column; returns where they end."""
+    """Return title, subtitle and legend from the top of the column; returns where they end."""
     y = sheet.top
     for name, text in (("Title", layout.title), ("Subtitle", layout.subtitle)):
         height = sheet.write(name, f"sheet_{name.lower()}", sheet.lines(name, text))
@@ -209,7 +209,7 @@ def _fill_above(sheet: _Sheet, layout: PrintLayout, shown: Sequence[LayerEntry])
 
 
 def _fill_below(sheet: _Sheet, facts: Sequence[tuple[str, str]], notes: Sequence[str]) -> float:
-    """Notes, facts and scale from the foot of the column up; returns where they begin."""
+    """Return notes, facts and scale from the foot of the column up; returns where they begin."""
     lines = [line for note in notes for line in sheet.lines("Notes", f"\u2013\u00a0{note}")]
     height = sheet.write("Notes", "sheet_notes", lines)
     y = sheet.bottom - height

@@ -37,19 +37,19 @@ _BREAKS = {"\n": "&#10;", "\r": "&#13;", "\t": "&#9;"}
 
 
 def qml(content: RasterLayer | VectorLayer) -> str:
-    """The style of a layer: text of a ``.qml`` file, and of the table ``layer_styles``."""
+    """Return the style of a layer: text of a ``.qml`` file, and of the table ``layer_styles``."""
     return document(filled("qgis_layer.xml.j2", content=content))
 
 
 def document(root: ET.Element) -> str:
-    """A QGIS document as text: the element, indented, after QGIS's document type."""
+    """Return a QGIS document as text: the element, indented, after QGIS's document type."""
     ET.indent(root, " ")
     text = NO_XML.sub("", ET.tostring(root, "unicode"))
     return f"<!DOCTYPE qgis PUBLIC 'http://mrcc.com/qgis.dtd' 'SYSTEM'>\n{text}\n"
 
 
 def filled(template: str, **values: object) -> ET.Element:
-    """The root of a template, filled in; without the blanks between its elements."""
+    """Return the root of a template, filled in; without the blanks between its elements."""
     root = ET.fromstring(_environment().get_template(template).render(**values))
     for element in root.iter():
         if not (element.text or "").strip():
@@ -88,17 +88,17 @@ def _escaped(value: object) -> Markup:
 
 
 def rgba(colour: str, opacity: float = 1.0) -> str:
-    """A colour ``#rrggbb`` as QGIS writes it: red, green, blue and opacity, 0 to 255."""
+    """Return a colour ``#rrggbb`` as QGIS writes it: red, green, blue and opacity, 0 to 255."""
     return ",".join(map(str, (*rgb(colour), round(255 * opacity))))
 
 
 def number(value: float) -> str:
-    """A number with all its digits; "inf" for infinity."""
+    """Return a number with all its digits; "inf" for infinity."""
     return repr(float(value))
 
 
 def without_expressions(text: str) -> str:
-    """A text in which QGIS finds nothing to compute: ``[% ... %]`` would be an expression."""
+    """Return text in which QGIS finds nothing to compute: ``[% ... %]`` would be an expression."""
     return text.replace("[%", "[\N{WORD JOINER}%")
 
 
@@ -114,7 +114,7 @@ class _Shading(NamedTuple):
 
 
 def _shading(layer: RasterLayer) -> _Shading:
-    """A map in the classes of its ``breaks``, or as a continuous ramp over the data's range."""
+    """Shade a map in the classes of its ``breaks``, or as a ramp over the data's range."""
     band = layer.bands[0]
     clear = zero_is_nothing(band.unit)
     shown = band.values[np.isfinite(band.values)]
@@ -149,7 +149,7 @@ def _shading(layer: RasterLayer) -> _Shading:
 
 
 def _map_tip(layer: VectorLayer) -> str:
-    """What QGIS shows of a feature under the pointer: the first columns with their units."""
+    """Write the map tip of a feature in QGIS: the first columns with their units."""
     rows = (
         f'<tr><td>{html.escape(layer.fields[name].alias)}</td><td><b>[% "{name}" %]</b> '
         f"{html.escape(layer.fields[name].unit)}</td></tr>"

@@ -96,7 +96,7 @@ def write_project(
 
 
 def _spatial_reference(crs: str) -> dict[str, str]:
-    """What QGIS notes of a system, by tag."""
+    """Return QGIS's notes on a system, by tag."""
     if not crs:
         return dict.fromkeys(("wkt", "proj4", "authid", "description"), "")
     # The part of east and north; QGIS 3.22 knows no other.

@@ -36,7 +36,7 @@ _ON_SHEETS = ("barriers", "release_areas", *_EXPOSED)
 
 @dataclass(frozen=True, slots=True)
 class SheetWords:
-    """What every sheet of a run says.
+    """Words common to every sheet of a run.
 
     ``around`` are the keys of layers on top of its map, ``ground`` is that of the lowest.
     """
@@ -49,7 +49,7 @@ class SheetWords:
     ground: str = "raster_terrain"
 
     def sheet(self, name: str, subtitle: str, *layers: str) -> PrintLayout:
-        """A sheet that shows layers over the terrain or the base map."""
+        """Return a sheet that shows layers over the terrain or the base map."""
         shown = (*self.around, *layers, self.ground)
         return PrintLayout(name, self.title, subtitle, shown, self.extent, self.facts, self.notes)
 
@@ -65,7 +65,7 @@ def sheet_words(
     extent: Extent,
     ground: Sequence[tuple[GroundClass, float]],
 ) -> SheetWords:
-    """What every sheet says.
+    """Return the words common to all sheets.
 
     ``vectors`` are those of ``result.gpkg``; ``ground`` are the ground classes of the cells that
     blocks reach, with their share.
@@ -138,7 +138,7 @@ def write_run_project(
     )
     base = []
     if base_map is not None and imprint.base_map is not None:
-        # As seen from the working folder, which lies beside that of the result.
+        # As seen from the working folder, which lies next to that of the result.
         place = seen_from(folder.resolve(), imprint.base_map)
         base = [LayerGroup("Base map", (LayerEntry(base_map, place),))]
     shown = [
@@ -175,7 +175,7 @@ def write_run_project(
 
 
 def run_layouts(words: SheetWords, layers: Sequence[RasterLayer]) -> tuple[PrintLayout, ...]:
-    """Sheets of what was simulated: energy, passing height, reach probability."""
+    """Return sheets of what was simulated: energy, passing height, reach probability."""
     titles = {layer.stem: layer.title for layer in layers}
     return tuple(
         words.sheet(name, titles[stem], f"raster_{stem}")
@@ -188,7 +188,7 @@ def run_layouts(words: SheetWords, layers: Sequence[RasterLayer]) -> tuple[Print
 
 
 def reached_extent(layers: tuple[RasterLayer, ...], grid: Grid) -> Extent:
-    """What blocks reach, with a margin."""
+    """Return the extent that blocks reach, with a margin."""
     reached = np.isfinite(layers[0].bands[0].values)
     if not reached.any():
         return grid.bounds
@@ -212,9 +212,9 @@ def zone_groups(
     preset: HazardPreset,
     edits: VectorLayer | None = None,
 ) -> tuple[LayerGroup, ...]:
-    """The groups of a zoning: zones, intensities, frequencies, federal layers, risk.
+    """Return the groups of a zoning: zones, intensities, frequencies, federal layers, risk.
 
-    Rasters are in ``maps``, edits in a file of their own, the others in ``hazard.gpkg``.
+    Rasters are in ``maps``, edits in a separate file, the others in ``hazard.gpkg``.
     """
 
     def vectors(layers: Sequence[VectorLayer], visible: tuple[str, ...] = ()) -> list[LayerEntry]:
@@ -254,7 +254,7 @@ def zone_groups(
 def _intensity_zones(
     maps: Sequence[RasterLayer], federal: Sequence[VectorLayer], preset: HazardPreset
 ) -> tuple[LayerEntry, ...]:
-    """Zones of the intensity of each return period, with the legend of its map of cells."""
+    """Return zones of the intensity of each return period, with the legend of its map of cells."""
     whole = next((layer for layer in federal if layer.name == "synoptic_intensity"), None)
     out = []
     for own in maps:
@@ -289,7 +289,7 @@ def zone_layouts(
     risk: Sequence[VectorLayer],
     grid: Grid,
 ) -> tuple[PrintLayout, ...]:
-    """The sheets of a zoning: hazard level, intensity by return period, risk.
+    """Return the sheets of a zoning: hazard level, intensity by return period, risk.
 
     ``own`` are its layers but for edits and those of the federal model.
     """
@@ -336,7 +336,10 @@ def zone_layouts(
 
 
 def onset_words(rules: Rules) -> str:
-    """Onset frequencies by scenario: of each release area, or from the least to the greatest."""
+    """Return onset frequencies by scenario.
+
+    They are those of each release area, or from the least to the greatest.
+    """
     by_scenario: dict[str, list[float]] = {}
     for (_, scenario), frequency in rules.frequencies.items():
         by_scenario.setdefault(scenario, []).append(frequency)

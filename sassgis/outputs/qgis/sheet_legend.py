@@ -22,7 +22,7 @@ _RAMP_HEIGHT = 14.0
 
 
 def child(element: ET.Element, path: str) -> ET.Element:
-    """The element at a path, which must be there."""
+    """Return the element at a path, which must be there."""
     found = element.find(path)
     assert found is not None
     return found
@@ -38,12 +38,12 @@ def wrapped(text: str, width_mm: float, font: ET.Element) -> list[str]:
 
 
 def text_height(lines: int, font: ET.Element) -> float:
-    """Height of some lines of text (mm)."""
+    """Return the height of some lines of text (mm)."""
     return lines * float(font.get("description", "").split(",")[1]) * MM_PER_POINT * _LINE
 
 
 def _class_texts(layer: LayerEntry) -> list[str]:
-    """Texts of the classes below the name of a layer, in the order in which QGIS lists them."""
+    """List the texts of the classes below a layer's name, in the order of QGIS."""
     content = layer.content
     if not isinstance(content, RasterLayer):
         texts = [entry.label for entry in content.style.classes]
@@ -55,7 +55,7 @@ def _class_texts(layer: LayerEntry) -> list[str]:
 
 
 def _rank(layer: LayerEntry) -> int:
-    """Layers with classes come first, areas and cells before lines; then those of one sign."""
+    """Rank layers with classes first, areas and cells before lines; then those of one sign."""
     content = layer.content
     if isinstance(content, RasterLayer):
         return 0
@@ -65,7 +65,7 @@ def _rank(layer: LayerEntry) -> int:
 
 
 def _legend_texts(layer: LayerEntry, title: str, classes: Sequence[str]) -> dict[str, str]:
-    """What QGIS shows of a layer in the legend, by the name of the property."""
+    """Return QGIS's legend texts of a layer, by the name of the property."""
     raster = isinstance(layer.content, RasterLayer)
     texts = {"legend/title-label": title}
     if raster:
@@ -105,7 +105,7 @@ def fill_legend(item: ET.Element, shown: Sequence[LayerEntry], width: float) -> 
             height += sum(map(row, classes)) if classes else _RAMP_HEIGHT
         entry = {"layer": layer, "texts": _legend_texts(layer, title, classes)}
         (single if one_sign else classed).append(entry)
-    # Signs of their own would seem to belong to the classes before them.
+    # Separate signs would seem to belong to the classes before them.
     heading = translated("Also shown") if single and classed else ""
     tree = child(item, "layer-tree-group")
     tree.clear()

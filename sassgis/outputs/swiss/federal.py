@@ -61,7 +61,7 @@ def federal_layers(
     hazard: Hazard,
     by_area: Mapping[str, tuple[IntensityMap, ...]],
 ) -> list[VectorLayer]:
-    """The layers of the federal model 166.1, or the same layers without claiming it."""
+    """Return the layers of the federal model 166.1, or the same layers without claiming it."""
     crs = grid.crs or None
     claims = in_federal_extent(crs, grid.bounds) and has_federal_codes(preset)
     level_codes = [level.code for level in preset.levels]
@@ -107,7 +107,7 @@ def federal_layers(
 
 
 def _comments(hazard: Hazard) -> list[str | None]:
-    """What is said of each zone: who edited it by hand, when and why."""
+    """Return the comment on each zone: who edited it by hand, when and why."""
     longest = next(
         a.longest for a in FEDERAL_CLASSES["hazard_area"].attributes if a.name == "comments"
     )
@@ -116,7 +116,7 @@ def _comments(hazard: Hazard) -> list[str | None]:
 
 
 def _scenarios(hazard: Hazard, area: str) -> str:
-    """Onset frequencies of an area in words."""
+    """Return onset frequencies of an area in words."""
     parts = [
         f"{s.source.scenario}: {s.source.frequency:.3g} blocks a year"
         for s in hazard.sampled
@@ -126,7 +126,7 @@ def _scenarios(hazard: Hazard, area: str) -> str:
 
 
 def intensity_rows(maps: Sequence[IntensityMap], preset: HazardPreset) -> list[Row]:
-    """Rows of a layer of intensity, the rarest first, so that the others are drawn over them."""
+    """Sort rows of a layer of intensity, the rarest first: the others are drawn over them."""
     rows: list[Row] = []
     for own in sorted(maps, key=lambda m: -(math.inf if m.years is None else m.years)):
         when = {"return_period_in_years": own.years, "extreme_scenario": own.years is None}
@@ -144,7 +144,7 @@ def federal_layer(
     canton: str | None,
     legend: Sequence[HazardLevel] | Sequence[IntensityClass] = (),
 ) -> VectorLayer:
-    """A layer of the model; rows with several parts become one feature per part.
+    """Return a layer of the model; rows with several parts become one feature per part.
 
     A layer that follows the ``federal`` model must lie in its extent. The canton ("TI") is
     responsible for the data: the model asks for it, so that it has to be filled in before an

@@ -64,7 +64,7 @@ class Attribute:
 
     @property
     def expected(self) -> str:
-        """What may stand there, in words."""
+        """Allowed values, in words."""
         words = {
             "boolean": "true or false",
             "code": f"one of {', '.join(self.codes)}",
@@ -114,7 +114,7 @@ FEDERAL_CLASSES: Mapping[str, FederalClass] = _CLASSES
 
 
 def is_lv95(crs: pyproj.CRS | str | None) -> bool:
-    """Whether coordinates are CH1903+ / LV95 (EPSG:2056), with a height system or without."""
+    """Return whether coordinates are CH1903+ / LV95 (EPSG:2056), with or without heights."""
     if crs is None or crs == "":
         return False
     plane, _ = crs_parts(pyproj.CRS.from_user_input(crs))
@@ -124,7 +124,7 @@ def is_lv95(crs: pyproj.CRS | str | None) -> bool:
 def in_federal_extent(
     crs: pyproj.CRS | str | None, bounds: tuple[float, float, float, float]
 ) -> bool:
-    """Whether coordinates are those of the federal model, and within its extent.
+    """Return whether coordinates are those of the federal model, and within its extent.
 
     The system is None or empty for local coordinates; bounds are west, south, east, north (m).
     """
@@ -135,7 +135,7 @@ def in_federal_extent(
 
 
 def has_federal_codes(preset: HazardPreset) -> bool:
-    """Whether the classes and return periods of a preset can be written in the federal codes."""
+    """Return whether a preset's classes and return periods can be written in federal codes."""
     return (
         all(c.code in CODES["intensity_class"] for c in preset.intensities)
         and all(c.code in CODES["hazard_level"] for c in preset.levels)
@@ -144,7 +144,7 @@ def has_federal_codes(preset: HazardPreset) -> bool:
 
 
 def federal_note(federal: bool) -> str:
-    """What descriptions and metadata say of the federal model.
+    """Return the note on the federal model for descriptions and metadata.
 
     It is claimed for what :func:`in_federal_extent` and :func:`has_federal_codes` accept.
     """
@@ -168,7 +168,7 @@ def checked_values(
     optional: tuple[str, ...] = (),
     file: Path | None = None,
 ) -> dict[str, Any]:
-    """Values of one feature as the model has them: plain str, int, float, bool or None.
+    """Return values of one feature as the model has them: plain str, int, float, bool or None.
 
     Messages speak of the feature as ``where``, and name ``file``. Those of a ``federal`` layer must
     have the codes of the model; ``optional`` attributes may be empty nevertheless.
@@ -195,7 +195,10 @@ def checked_values(
 
 
 def _broken_rule(values: Mapping[str, Any]) -> tuple[str, str, object, str] | None:
-    """The constraint of the model that values do not keep: attribute, problem, found, expected."""
+    """Return the constraint of the model that values do not keep.
+
+    The values are attribute, problem, found, expected.
+    """
     if "extreme_scenario" in values:
         years, extreme = values["return_period_in_years"], values["extreme_scenario"]
         rare = years is not None and years > LONGEST_OF_A_SCENARIO
@@ -217,7 +220,7 @@ def _broken_rule(values: Mapping[str, Any]) -> tuple[str, str, object, str] | No
 
 
 def plain(value: Any) -> Any:
-    """None for all that means empty; text in single spaces, without what XML cannot hold."""
+    """Return None for all that means empty; text in single spaces, without what XML cannot hold."""
     if value is None or value is pd.NA or value != value:
         return None
     if isinstance(value, np.generic):
@@ -228,7 +231,7 @@ def plain(value: Any) -> Any:
 
 
 def _of_kind(attribute: Attribute, value: Any, federal: bool) -> Any:
-    """The value in the kind of the attribute; None where it is not of it."""
+    """Return the value in the kind of the attribute; None where it is not of it."""
     if attribute.kind == "boolean":
         # Where a column has gaps, booleans come as 0 and 1.
         return bool(value) if value in (0, 1) else None
@@ -255,7 +258,7 @@ def unique_short_names(names: Sequence[str], longest: int = 50) -> dict[str, str
         raise InputError("a source has no name", found=repr(empty[0]), expected="a text")
     taken: set[str] = set()
     short: dict[str, str] = {}
-    # Those that need no cut have the first claim to their own name.
+    # Those that need no cut have the first claim to their name.
     for name in sorted(wanted, key=lambda name: len(plain[name]) > longest):
         text, number = plain[name][:longest].rstrip(), 1
         while text in taken:
@@ -268,7 +271,7 @@ def unique_short_names(names: Sequence[str], longest: int = 50) -> dict[str, str
 
 
 def shortened(text: str, longest: int = 400) -> str:
-    """Text cut at a word, with an ellipsis, where it is too long."""
+    """Return text cut at a word, with an ellipsis, where it is too long."""
     text = " ".join(text.split())
     if len(text) <= longest:
         return text
@@ -278,7 +281,7 @@ def shortened(text: str, longest: int = 400) -> str:
 
 
 def surface_parts(geometry: Any, *, where: str, file: Path | None = None) -> list[Any]:
-    """Single polygons with straight edges, without heights, on coordinates of 1 mm.
+    """Return single polygons with straight edges, without heights, on coordinates of 1 mm.
 
     Corners that polygons share stay shared. What vanishes on the grid of 1 mm is left out. Messages
     name ``where`` and ``file``.

@@ -81,7 +81,7 @@ class ExportResult:
         return self.validation is None or self.validation.valid
 
     def lines(self) -> list[str]:
-        """Summary and verdict in words."""
+        """Return the summary and verdict in words."""
         counts = ", ".join(f"{name} {count}" for name, count in self.objects.items())
         verdict = self.validation.lines() if self.validation else ()
         return [f"Wrote {self.path}, model {MODEL_NAME}: {counts}.", *verdict]
@@ -155,7 +155,7 @@ def _objects(file: Path, kind: FederalClass, canton: str | None) -> list[XtfObje
 
 
 def _read_layer(file: Path, kind: FederalClass) -> gpd.GeoDataFrame | None:
-    """A layer in the coordinates of the model; None where it is absent and may be."""
+    """Return a layer in the coordinates of the model; None where it is absent and may be."""
     wrong = partial(InputError, file=file, field=kind.name)
     with vector_file(file, kind.name):
         try:
@@ -180,7 +180,7 @@ def _read_layer(file: Path, kind: FederalClass) -> gpd.GeoDataFrame | None:
 
 
 def _text(attribute: Attribute, value: Any) -> str:
-    """A checked value as the file has it; empty for none."""
+    """Return a checked value as the file has it; empty for none."""
     if value is None:
         return ""
     if isinstance(value, bool):
@@ -191,7 +191,7 @@ def _text(attribute: Attribute, value: Any) -> str:
 
 
 def _document(objects: Mapping[str, Sequence[XtfObject]]) -> Iterator[str]:
-    """The text of a transfer file in pieces, as it may be large.
+    """Return the text of a transfer file in parts, as it may be large.
 
     ``objects`` are those of each class; the identifier of the basket is made from theirs.
     """
@@ -214,7 +214,9 @@ def _document(objects: Mapping[str, Sequence[XtfObject]]) -> Iterator[str]:
 
 
 def touching_at_corners(polygon: Any) -> list[list[tuple[float, float]]]:
-    """Closed rings of a valid polygon, the outline first; where they touch, both have a corner.
+    """Return closed rings of a valid polygon, the outline first.
+
+    Where they touch, both have a corner.
 
     INTERLIS takes a corner on the edge of another ring for an intersection.
     """

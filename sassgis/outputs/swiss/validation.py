@@ -62,11 +62,11 @@ class ValidationResult:
 
     @property
     def errors(self) -> list[Finding]:
-        """What makes the file invalid."""
+        """Errors that make the file invalid."""
         return [f for f in self.findings if f.severity == "error"]
 
     def lines(self) -> list[str]:
-        """The verdict in words, with the first findings."""
+        """Return the verdict in words, with the first findings."""
         verdict = "valid" if self.valid else f"not valid, {len(self.errors)} errors"
         more = len(self.findings) - _MOST_LINES
         return [
@@ -76,7 +76,7 @@ class ValidationResult:
         ]
 
 
-#: Runs in a process of its own: the library prints what it likes, and may take the process down.
+#: Runs in a separate process: the library prints what it likes, and may take the process down.
 _RUNNER = """
 import json, sys
 from ilivalidator import Ilivalidator
@@ -147,7 +147,7 @@ def _cause(done: subprocess.CompletedProcess[bytes]) -> str:
 
 
 def _ili_files(folder: Path) -> list[Path]:
-    """The .ili files of a folder (not of the folders in it), by name."""
+    """Return the .ili files of a folder (not of the folders in it), by name."""
     files = sorted(folder.glob("*.[iI][lL][iI]")) if folder.is_dir() else []
     if not files:
         raise InputError("holds no model", file=folder, expected="a folder with .ili files")
@@ -172,7 +172,7 @@ def check_validator(model_folder: Path) -> None:
 
 
 def _findings(log: Path, copies: Mapping[str, Path]) -> tuple[str, list[Finding]]:
-    """Name of the validator, errors and warnings from its log, with the user's names of files."""
+    """Return the validator's name, errors and warnings from its log, with the user's file names."""
     validator, found = "ilivalidator", []
     try:
         root = ET.parse(log).getroot()

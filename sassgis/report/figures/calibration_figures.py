@@ -34,7 +34,7 @@ _MODELS = {"before": (ORANGE, (0, (1.5, 1.2))), "left out": (VERMILION, "--"), "
 
 @house_style()
 def parameters_figure(fitted: Sequence[Fitted]) -> Figure:
-    """Each parameter on its range: configured, calibrated, 95 % interval."""
+    """Return each parameter on its range: configured, calibrated, 95 % interval."""
     figure = new_figure(WIDTH_IN, 0.55 + 0.24 * len(fitted))
     ax = figure.subplots()
     for k, f in enumerate(fitted):
@@ -63,7 +63,7 @@ def parameters_figure(fitted: Sequence[Fitted]) -> Figure:
 def quantity_curves_figure(
     panels: Sequence[tuple[str, FloatArray, Mapping[str, FloatArray]]],
 ) -> Figure:
-    """Shares of rocks below a value: observed, before, after, rocks left out.
+    """Return shares of rocks below a value: observed, before, after, rocks left out.
 
     A panel is a label, what was observed, and what was simulated by each model.
     """

@@ -1,4 +1,4 @@
-"""Figures of a diagnosis: where simulated and observed rocks part, why, and what is left."""
+"""Figures of a diagnosis: where simulated and observed rocks part, why, and the remaining gap."""
 
 from __future__ import annotations
 
@@ -152,7 +152,7 @@ def _draw_stretches(
 
 
 def _row_label(finding: GapFinding, rows: Sequence[GapFinding]) -> str:
-    """In the language of the figure: labels of an axis are set anew when it is drawn."""
+    """Label in the language of the figure: labels of an axis are set anew when it is drawn."""
     place = place_name(finding.place.replace("_", " "))
     same = [f for f in rows if (f.place, f.phase) == (finding.place, finding.phase)]
     phase = tested_by(finding.test) if len(same) > 1 else phrase(finding.phase)
@@ -160,7 +160,7 @@ def _row_label(finding: GapFinding, rows: Sequence[GapFinding]) -> str:
 
 
 def _chosen_rows(findings: Sequence[GapFinding]) -> dict[tuple[str, str], list[GapFinding]]:
-    """The most certain rows by quantity and unit, from the release down."""
+    """Return the most certain rows by quantity and unit, from the release down."""
     groups: dict[tuple[str, str], list[GapFinding]] = {}
     for finding in findings:
         groups.setdefault((finding.quantity, finding.unit), []).append(finding)
@@ -179,7 +179,7 @@ def _chosen_rows(findings: Sequence[GapFinding]) -> dict[tuple[str, str], list[G
 
 @house_style()
 def gap_where_figure(findings: Sequence[GapFinding]) -> Figure:
-    """Draw every gap as a dot with its interval, a panel for each quantity in its own unit.
+    """Draw every gap as a dot with its interval, a panel for each quantity in its unit.
 
     The most certain findings come first. Quantities beyond ``MAX_PANELS`` and rows of one beyond
     ``MAX_ROWS`` are left out, and the figure says so.
@@ -203,7 +203,7 @@ def gap_where_figure(findings: Sequence[GapFinding]) -> Figure:
     sheet = Sheet("Observed less predicted, by place and phase", note, _ROW_IN * max(filled))
     grid = sheet.figure.add_gridspec(1, len(columns))
     for k, keys in enumerate(columns):
-        # What is left below the shorter column stays empty.
+        # The room below the shorter column stays empty.
         ratios: list[float] = [len(groups[key]) + _HEAD_ROWS for key in keys]
         rest = [max(filled) - filled[k]] if filled[k] < max(filled) else []
         parts = grid[0, k].subgridspec(len(keys) + len(rest), 1, height_ratios=ratios + rest)
@@ -265,13 +265,13 @@ def _steps(values: FloatArray) -> tuple[FloatArray, FloatArray]:
 
 
 def _band(values: FloatArray, n: int) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Between which shares the curve of ``n`` rocks of a model lies in 95 of 100 samples."""
+    """Return the shares between which the curve of ``n`` model rocks lies in 95 of 100 samples."""
     x, share = _steps(values)
     return x, binom.ppf(0.025, n, share) / n, binom.ppf(0.975, n, share) / n
 
 
 def _distance(observed: FloatArray, model: FloatArray) -> float:
-    """Energy distance, squared as on the page, in standard deviations of the observed."""
+    """Return energy distance, squared as on the page, in standard deviations of the observed."""
     unit = float(np.std(observed, ddof=1)) if observed.size > 1 else 0.0
     return float(energy_distance(observed, model) ** 2) / (unit or 1.0)
 

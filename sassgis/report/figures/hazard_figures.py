@@ -46,7 +46,7 @@ from sassgis.settings.hazard_rules import HazardCurves, HazardPreset
 from sassgis.settings.labels import power_of_ten, thousands
 from sassgis.settings.languages import joined, phrase
 
-#: Sources with a curve of their own; the others go together.
+#: Sources with a separate curve; the others go together.
 MAX_SOURCES = 6
 _COLOURS = (BLUE, VERMILION, GREEN, PURPLE, ORANGE, SKY)
 _DASHES = ((0, (5, 1.5)), (0, (1, 1.2)), (0, (6, 1.5, 1, 1.5)), (0, (3, 1)), (0, (8, 2)), "-")
@@ -54,7 +54,7 @@ _FIELD_ALPHA = 0.38
 
 
 def leading_sources(by_source: Mapping[str, FloatArray]) -> dict[str, FloatArray]:
-    """The sources from which most blocks arrive, and the sum of the others.
+    """Return the sources from which most blocks arrive, and the sum of the others.
 
     At most ``MAX_SOURCES``; those without a block are left out. Rates are of shape (n_energies,).
     """
@@ -106,7 +106,7 @@ def _draw_matrix(ax: Axes, preset: HazardPreset, energy: tuple[float, float]) ->
 
 
 def _rate_limits(rates: FloatArray, preset: HazardPreset) -> tuple[float, float]:
-    """Whole powers of ten around the rates that are shown and the limits of the matrix."""
+    """Return whole powers of ten around the rates that are shown and the limits of the matrix."""
     known = rates[np.isfinite(rates) & (rates > 0.0)]
     limits = [1.0 / t for t in preset.return_periods]
     low = min([0.3 * limits[-1], *limits, *known])
@@ -198,7 +198,7 @@ def hazard_curve_figure(
 
 
 def _level_words(one: HazardCurves, preset: HazardPreset) -> str:
-    """The level of the place and what decides it."""
+    """Return the level of the place and what decides it."""
     level = int(hazard_level(one, preset)[0])
     if not level:
         return "No block arrives here."
@@ -421,7 +421,7 @@ def protection_figure(
 
 
 def _draw_along(upper: Axes, lower: Axes, places: pd.DataFrame) -> None:
-    """95 % energy and passing height, and the share of the blocks that comes so far."""
+    """Draw 95 % energy and passing height, and the share of the blocks that comes so far."""
     moved = places["moved_m"].to_numpy(float)
     other = upper.twinx()
     for ax, key, colour, name, style in (

@@ -42,7 +42,7 @@ def _class_maps(
     title: str,
     note: str,
 ) -> Figure:
-    """Draw maps of classes: one with its legend beside it, several with legends below them."""
+    """Draw maps of classes: one with its legend next to it, several with legends below them."""
     values = [panel.values for panel in panels if panel.values is not None]
     seen = np.where(np.any(np.isfinite(values), axis=0), 1.0, np.nan)
     view = view_of(grid, footprint(grid, seen, all_points(marks.release)))
@@ -87,7 +87,7 @@ def confidence_figure(
 
 
 def level_changes(before: FloatArray, after: FloatArray) -> FloatArray:
-    """What becomes of each cell's class: -1 lower, 0 the same, 1 higher; NaN without any.
+    """Return the change of each cell's class: -1 lower, 0 the same, 1 higher; NaN without any.
 
     Parameters
     ----------

@@ -63,7 +63,7 @@ _FALLING: dict[str, Any] = {"hatch": "\\" * 7, "fc": "none", "lw": 0.0, "hatch_l
 
 
 def shown_values(band: Band) -> FloatArray:
-    """Values of a band as the map shows them, float64 with NaN where it stays clear.
+    """Return values of a band as the map shows them, float64 with NaN where it stays clear.
 
     As on the map in QGIS: see :func:`sassgis.settings.styles.zero_is_nothing`.
     """
@@ -72,7 +72,7 @@ def shown_values(band: Band) -> FloatArray:
 
 
 def class_numbers(values: FloatArray, breaks: Sequence[float]) -> FloatArray:
-    """Position of each value among the classes of ``class_limits``; NaN where there is none.
+    """Return position of each value among the classes of ``class_limits``; NaN where there is none.
 
     A limit belongs to the class above it.
     """
@@ -82,7 +82,7 @@ def class_numbers(values: FloatArray, breaks: Sequence[float]) -> FloatArray:
 
 
 def class_positions(values: NDArray[Any], classes: Sequence[RasterClass]) -> FloatArray:
-    """Position of each value among the classes, in ascending order; NaN where it is none."""
+    """Return position of each value among the classes, in ascending order; NaN where it is none."""
     ordered = np.array(sorted(entry.value for entry in classes), float)
     known = np.nan_to_num(np.asarray(values, float), nan=-np.inf)
     place = np.clip(np.searchsorted(ordered, known), 0, ordered.size - 1)
@@ -107,7 +107,7 @@ class MapPanel:
 def class_panel(
     values: NDArray[Any], classes: Sequence[RasterClass], title: str = "", **more: Any
 ) -> MapPanel:
-    """A map of classes; values that are none stay clear."""
+    """Return a map of classes; values that are none stay clear."""
     ordered = sorted(classes, key=lambda entry: entry.value)
     colours = ListedColormap([fill_of(c) for c in ordered])
     norm = BoundaryNorm(np.arange(len(ordered) + 1) - 0.5, len(ordered))
@@ -115,7 +115,7 @@ def class_panel(
 
 
 def class_signs(classes: Sequence[RasterClass], over: str = "") -> list[Patch]:
-    """Signs of a legend, the highest value first; ``over`` is the name of fine lines."""
+    """Return signs of a legend, the highest value first; ``over`` is the name of fine lines."""
     signs = []
     for entry in sorted(classes, key=lambda entry: -entry.value):
         how: dict[str, Any] = {"fc": fill_of(entry), "lw": 0.6, "alpha": LAYER_ALPHA, "ec": GREY}
@@ -131,7 +131,7 @@ def class_signs(classes: Sequence[RasterClass], over: str = "") -> list[Patch]:
 
 
 def columns_of(panels: int, aspect: float, width_in: float, height_in: float) -> int:
-    """Number of columns that makes equal panels largest; the fewest of those equally good.
+    """Return number of columns that makes equal panels largest; the fewest of those equally good.
 
     The aspect is height by width of a panel; width and height are the room for all.
     """
@@ -231,13 +231,13 @@ def _draw_values(ax: Axes, panel: MapPanel, view: MapView) -> None:
 
 
 def areas_of(cells: NDArray[np.bool_], place: Affine) -> list[shapely.Geometry]:
-    """The outlines of the cells that are true."""
+    """Return the outlines of the cells that are true."""
     found = rasterio.features.shapes(cells.astype(np.uint8), mask=cells, transform=place)
     return [shapely.geometry.shape(outline) for outline, _ in found]
 
 
 def colour_bar(axes: Sequence[Axes], panel: MapPanel, words: str, **how: Any) -> None:
-    """Draw the bar of the colours of some maps beside them."""
+    """Draw the bar of the colours of some maps next to them."""
     figure = axes[0].get_figure()
     assert isinstance(figure, Figure)
     colours = ScalarMappable(panel.norm, panel.colours)
@@ -262,7 +262,10 @@ def _value_label(value: float, _: object = None) -> str:
 
 
 def _layer_panel(layer: RasterLayer) -> tuple[MapPanel, FloatArray]:
-    """A layer in its classes, those of its breaks, or as a ramp; and the values that it shows."""
+    """Return a layer in its classes, those of its breaks, or as a ramp.
+
+    The second value is the values that it shows.
+    """
     values = shown_values(layer.bands[0])
     if layer.classes:
         panel = class_panel(layer.bands[0].values, layer.classes)

@@ -1,4 +1,4 @@
-"""What is drawn on maps beside their values: zones, release, fall lines, control lines, objects."""
+"""Marks on maps next to their values: zones, release, fall lines, control lines, objects."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ _CONTROL_LINE_LINE = {
 
 @dataclass(frozen=True, slots=True)
 class MapName:
-    """A name beside a place of a map, so many points from it, and its look."""
+    """A name next to a place of a map, so many points from it, and its look."""
 
     text: str
     at: tuple[float, float]
@@ -58,7 +58,7 @@ class MapName:
 
 @dataclass(frozen=True, slots=True)
 class MapMarks:
-    """What lies over the values of a map; coordinates in m, of shape (n, 2)."""
+    """Marks over the values of a map; coordinates in m, of shape (n, 2)."""
 
     # Outlines of the release areas; arrays of one or two rows are drawn as points.
     release: Sequence[FloatArray] = ()
@@ -113,12 +113,12 @@ class MapMarks:
 
 
 def even_choice(n: int, most: int) -> list[int]:
-    """Positions of at most ``most`` of n things, evenly spread."""
+    """Return positions of at most ``most`` of n things, evenly spread."""
     return list(np.unique(np.linspace(0, n - 1, min(n, most)).astype(int)))
 
 
 def all_points(arrays: Sequence[FloatArray]) -> FloatArray:
-    """All coordinates of several arrays of shape (n, 2), one below the other."""
+    """Return all coordinates of several arrays of shape (n, 2), one below the other."""
     parts = [np.asarray(a, float).reshape(-1, 2) for a in arrays]
     return np.concatenate(parts) if parts else np.empty((0, 2))
 
@@ -130,7 +130,7 @@ def _outlines(ax: Axes, rings: Sequence[FloatArray], colour: str, **how: Any) ->
 
 
 def fill_of(entry: RasterClass) -> str:
-    """Colour of a class: hatched ones are striped on white."""
+    """Return the colour of a class: hatched ones are striped on white."""
     return "white" if entry.hatched else entry.colour
 
 
@@ -185,7 +185,7 @@ def draw_objects(ax: Axes, objects: Sequence[MapObject], box: Extent) -> None:
 
 
 def object_names(objects: Sequence[MapObject], box: Extent) -> list[MapName]:
-    """The names of exposed objects, at the longest part of each that is seen."""
+    """Return the names of exposed objects, at the longest part of each that is seen."""
     names = []
     for name, geometry in objects:
         seen = shapely.get_parts(shapely.clip_by_rect(geometry, *box))
@@ -200,7 +200,7 @@ def object_names(objects: Sequence[MapObject], box: Extent) -> list[MapName]:
 
 
 def _write_names(ax: Axes, names: Sequence[MapName], box: Extent, points_per_metre: float) -> None:
-    """Write names beside their places where they do not overlap those before them.
+    """Write names next to their places where they do not overlap those before them.
 
     One for which there is no room on either side, above or below is left out, unless it is needed.
     """
@@ -248,7 +248,7 @@ def draw_control_lines(ax: Axes, control_lines: Sequence[MapControlLine]) -> Non
 
 
 def control_line_names(control_lines: Sequence[MapControlLine], box: Extent) -> list[MapName]:
-    """The names of stations, walls and nets that are seen."""
+    """Return the names of stations, walls and nets that are seen."""
     names = []
     for name, kind, xy in control_lines:
         seen = shapely.get_coordinates(shapely.clip_by_rect(shapely.linestrings(xy), *box))
@@ -258,7 +258,7 @@ def control_line_names(control_lines: Sequence[MapControlLine], box: Extent) -> 
 
 
 def line_name(name: str, xy: FloatArray, **look: Any) -> MapName:
-    """The name of a line across a map, beside its easternmost vertex."""
+    """Return the name of a line across a map, next to its easternmost vertex."""
     x, y = xy[np.argmax(xy[:, 0])]
     look = {"weight": "bold", "zorder": 22, **look}
     return MapName(name, (float(x), float(y)), 3.0, look, needed=True)

@@ -51,7 +51,7 @@ _STRIP_PT = 7.0
 
 @dataclass(frozen=True, slots=True)
 class ProfilePanel:
-    """What one panel of a profile figure shows."""
+    """Contents of one panel of a profile figure."""
 
     s: FloatArray  # chainage and height of the vertices of the slope (m), shape (n,)
     z: FloatArray
@@ -66,11 +66,11 @@ class ProfilePanel:
     title: str = ""
 
     def ground_runs(self) -> list[tuple[int, int, int]]:
-        """Stretches of equal ground."""
+        """Return stretches of equal ground."""
         return [] if self.ground is None else runs_of(self.ground[: self.s.size - 1])
 
     def known_stops(self) -> FloatArray:
-        """Stops that have a chainage."""
+        """Return stops that have a chainage."""
         stops = np.asarray(self.stops, float)
         return np.asarray(stops[np.isfinite(stops)])
 
@@ -88,7 +88,7 @@ class ProfilePanel:
         return joined("; ", parts)
 
     def bands(self) -> tuple[FloatArray, FloatArray]:
-        """Chainages (m), and the heights (m) below which 5, 25, 75 and 95 % of the paths lie.
+        """Return chainages (m), and heights (m) below which 5, 25, 75 and 95 % of the paths lie.
 
         Of shape (n,) and (4, n); NaN where fewer than ``_ENOUGH`` paths come.
         """
@@ -102,7 +102,7 @@ class ProfilePanel:
 
 
 def runs_of(ground: IntArray) -> list[tuple[int, int, int]]:
-    """Stretches of equal ground: (class, first segment, last segment + 1)."""
+    """Return stretches of equal ground: (class, first segment, last segment + 1)."""
     classes = np.asarray(ground, np.int64)
     if not classes.size:
         return []

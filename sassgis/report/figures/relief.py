@@ -26,7 +26,9 @@ MAX_CELLS = 900
 
 
 def footprint(grid: Grid, values: FloatArray | None, others: FloatArray) -> Extent:
-    """Extent of what is shown, with a margin, cut to the grid; all of it where nothing is shown.
+    """Return the extent of what is shown, with a margin, cut to the grid.
+
+    It is the whole grid where nothing is shown.
 
     Shown are cells of ``values`` that are not NaN, and those of the ``others``, coordinates of
     shape (n, 2), that lie within the grid.
@@ -87,14 +89,17 @@ class MapView:
         return values[self.rows, self.cols]
 
     def holds(self, points: FloatArray) -> NDArray[np.bool_]:
-        """Which of 40 by 40 fields of the map hold a point; coordinates of shape (n, 2)."""
+        """Find which of 40 by 40 fields of the map hold a point; coordinates of shape (n, 2)."""
         west, south, east, north = self.box
         sides = (-north, -south), (west, east)
         found, *_ = np.histogram2d(-points[:, 1], points[:, 0], 40, sides)
         return np.asarray(found > 0)
 
     def coarse(self, values: FloatArray, how: str) -> tuple[FloatArray, Extent]:
-        """Values of the part as they are drawn, and their extent: it may reach beyond the part."""
+        """Return values of the part as they are drawn, and their extent.
+
+        It may reach beyond the part.
+        """
         drawn = coarsen(values, self.factor, how)
         step = self.grid.cell_size * self.factor
         west, north = self.grid.west, self.grid.north
@@ -104,7 +109,7 @@ class MapView:
 
 
 def view_of(grid: Grid, box: Extent) -> MapView:
-    """The smallest part of a grid, in whole cells, that covers a box."""
+    """Return the smallest part of a grid, in whole cells, that covers a box."""
     west, south, east, north = box
     n_rows, n_cols = grid.shape
     col_0 = int(np.clip(np.floor((west - grid.west) / grid.cell_size), 0, n_cols - 1))
@@ -137,7 +142,7 @@ def coarsen(values: FloatArray, factor: int, how: str) -> FloatArray:
 
 
 def _slope(z: FloatArray, axis: int, cell_size: float) -> FloatArray:
-    """Rise per metre along an axis: central, or one-sided where a neighbour is missing."""
+    """Return rise per metre along an axis: central, or one-sided where a neighbour is missing."""
     step = np.diff(z, axis=axis) / cell_size
     edge = np.full_like(np.take(z, [0], axis=axis), np.nan)
     before = np.concatenate([edge, step], axis=axis)
@@ -148,7 +153,7 @@ def _slope(z: FloatArray, axis: int, cell_size: float) -> FloatArray:
 
 
 def hillshade(grid: Grid) -> FloatArray:
-    """Relief lit from four sides at once, so that no slope is lost in its own shadow.
+    """Return relief lit from four sides at once, so that no slope is lost in its shadow.
 
     Each light counts more on ground that it strikes from the side (Mark, R. K., 1992,
     Multidirectional, oblique-weighted, shaded-relief image of the Island of Hawaii, USGS Open-File
@@ -223,7 +228,7 @@ def map_axes(ax: Axes, extent: Extent, parts: int = 5) -> None:
 
 
 def emptiest_corner(occupied: NDArray[np.bool_], width: float, height: float) -> tuple[bool, bool]:
-    """The corner (right, top) of a raster in which a box hides least of what is occupied.
+    """Return the corner (right, top) of a raster in which a box hides least of what is occupied.
 
     Width and height of the box are shares of the raster; row 0 lies in the north.
     """

@@ -67,7 +67,7 @@ _LOCK = threading.RLock()
 
 @functools.cache
 def _settings() -> dict[Any, Any]:
-    """Settings of matplotlib: its defaults, and over them the style sheet of the figures."""
+    """Return settings of matplotlib: its defaults, and over them the style sheet of the figures."""
     with as_file(files("sassgis.data").joinpath("figures.mplstyle")) as sheet:
         own = mpl.rc_params_from_file(sheet, use_default_template=False)
     # Not the backend: setting that would load pyplot.
@@ -147,14 +147,14 @@ def head(figure: Figure, title: str) -> None:
 
 
 def halo(width: float = 2.0) -> list[AbstractPathEffect]:
-    """A white edge around letters that lie over a drawing."""
+    """Return a white edge around letters that lie over a drawing."""
     return [withStroke(linewidth=width, foreground="white")]
 
 
 def beside(
     ax: Axes, words: str, at: tuple[float, float], offset_pt: tuple[float, float], **how: Any
 ) -> None:
-    """Write a text so many points beside a place."""
+    """Write a text so many points next to a place."""
     ax.annotate(words, at, xytext=offset_pt, textcoords="offset points", **({"size": SMALL} | how))
 
 
@@ -197,12 +197,12 @@ def lines_in(text: str) -> int:
 
 
 def thousands_formatter(decimals: int = 0) -> FuncFormatter:
-    """Tick labels with a thin space between thousands."""
+    """Return tick labels with a thin space between thousands."""
     return FuncFormatter(lambda value, _: thousands(value, decimals))
 
 
 def log_ticks(axis: Axis, decades: float) -> None:
-    """Ticks of a logarithmic axis over so many powers of ten."""
+    """Set the ticks of a logarithmic axis over so many powers of ten."""
     # Where few are in sight, the steps between them are named too.
     steps = (1.0, 2.0, 5.0) if decades < 2.0 else (1.0,)
     axis.set_major_locator(LogLocator(10.0, subs=steps))
@@ -211,7 +211,7 @@ def log_ticks(axis: Axis, decades: float) -> None:
 
 
 def plain_tick(value: float, _: object = None) -> str:
-    """Tick label of a logarithmic axis."""
+    """Return tick label of a logarithmic axis."""
     if value >= 1.0:
         return thousands(value)
     tens = np.log10(value) if value > 0.0 else np.nan
@@ -220,7 +220,7 @@ def plain_tick(value: float, _: object = None) -> str:
 
 
 def ink_on(colour: str, opacity: float = 1.0) -> str:
-    """The colour of a text that can be read on another, which may let white through."""
+    """Return the colour of a text that can be read on another, which may let white through."""
     red, green, blue = (1.0 - opacity * (1.0 - c) for c in to_rgb(colour))
     return INK if 0.299 * red + 0.587 * green + 0.114 * blue > 0.5 else "white"
 
@@ -256,12 +256,12 @@ def spread(positions: Sequence[float] | FloatArray, widths: float | FloatArray) 
 
 
 def text_width_pt(text: str, size: float = SMALL) -> float:
-    """Room that a line of text takes (points), a little on the safe side."""
+    """Return room that a line of text takes (points), a little on the safe side."""
     return 0.64 * size * len(text) + 4.0
 
 
 def percent_formatter(whole: float = 100.0) -> PercentFormatter:
-    """Tick labels in per cent of a whole, with a thin space before the sign."""
+    """Return tick labels in per cent of a whole, with a thin space before the sign."""
     return PercentFormatter(whole, decimals=0, symbol="\u2009%")
 
 
