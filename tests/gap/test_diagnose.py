@@ -146,7 +146,7 @@ def test_the_ladder_and_the_first_sentence_are_there(answered: Path) -> None:
     rungs = [r["rung"] for r in found["ladder"]]
     assert rungs[:3] == ["configured", "ground", "contact_law"] and rungs[-1] == "floor"
     assert rungs[3:-1] == [found["verdict"]["effect"]]
-    assert found["first_sentence"].startswith("As configured, the model ")
+    assert found["first_sentence"].startswith("As configured: simulated ")
     assert found["first_sentence"] in unescape((answered / "report.html").read_text())
     assert {c["quantity"] for c in found["advice"]["consequences"]} == {
         "runout_m (median)", "runout_m (90 %)", "runout_m (width)", "energy_kj (median)",

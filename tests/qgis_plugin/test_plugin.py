@@ -363,7 +363,7 @@ def test_how_far_zones_are_settled_has_three_grades() -> None:
     assert [verdict(share)[0] for share in (0.0, 0.02, 0.021, 0.1, 0.4)] == [
         "good", "good", "look", "look", "bad",
     ]  # fmt: skip
-    assert "on 12.3 % of the zoned area" in verdict(0.123)[1]
+    assert "12.3 % of the zoned area changes level" in verdict(0.123)[1]
 
 
 @pytest.mark.qgis

@@ -63,7 +63,7 @@ def test_report_says_what_the_inputs_hold(config):
     assert shares == pytest.approx({"talus": 130 / 540, "debris": 410 / 540})
     assert [g.name for g in report.control_lines] == ["road", "net"]
     (share,) = (w for w in report.warnings if "debris 76 %" in w)
-    assert "estimates" in share
+    assert "Estimated ground classes" in share
 
 
 def test_lines_are_lines(config):

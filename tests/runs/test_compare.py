@@ -155,7 +155,7 @@ def test_the_report_says_first_what_changed(compared: Path) -> None:
     words = " ".join(words.split())
     order = [
         words.index(w)
-        for w in ("Fläche, die Blöcke erreichen", "Wie sicher das ist", "Abbildung 1")
+        for w in ("Abbildung 1", "Fläche, die Blöcke erreichen", "Wie sicher das ist")
     ]
     assert order == sorted(order)
     assert "barriers.wall.height_m" in words
