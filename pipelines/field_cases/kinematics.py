@@ -51,10 +51,9 @@ def values_of(case: Case, seen: Campaign) -> Values:
             # Of translation: what a spin of which the axis is not known adds is not.
             found[f"energy {name}"] = 5e-4 * mass[seen.passages.rock[own]] * speed**2
             found[f"height {name}"] = seen.passages.height_m[own]
-        found |= {
-            f"speed {case.station_names[-1]} of {m:g} kg": speed[mass[seen.passages.rock[own]] == m]
-            for m in repeated
-        }
+            if name == case.station_names[-1]:
+                of = mass[seen.passages.rock[own]]
+                found |= {f"speed {name} of {m:g} kg": speed[of == m] for m in repeated}
     if seen.contacts is not None:
         numbers = contact_numbers(seen.contacts, rock_radii_m(case.observations))
         names = {

@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 
 from sassgis.engine.ellipse import mean_radius
-from sassgis.engine.simulate import Simulated
+from sassgis.engine.simulate import Simulated, moving_axes
 from sassgis.engine.simulate_paths import follow
 from sassgis.grid import FloatArray, Grid
 from sassgis.inputs.config import load_config
@@ -130,10 +130,12 @@ def make(folder: Path, config: Path) -> None:
     own = passages["line"]
     places = np.column_stack([passages["x_m"], passages["y_m"]])
     # The engine counts heights from that of a lying block; a rock that rolls lies on no axis.
-    a, b = rocks["a_m"][own], rocks["b_m"][own]
-    rolling = np.array([mean_radius(*pair) for pair in zip(a, b, strict=True)])
+    axes = moving_axes(np.column_stack([rocks["a_m"], rocks["b_m"]])[own], run.engine)
+    rolling = np.array([mean_radius(*pair) for pair in axes])
     height = passages["height_m"]
-    height = height + np.where(height > 0.0, b, rolling) / np.cos(dips(run.heights, places))
+    height = height + np.where(height > 0.0, axes[:, 1], rolling) / np.cos(
+        dips(run.heights, places)
+    )
     height += ERRORS["height_error_m"] * rng.standard_normal(height.size)
     write_table(
         folder / "passages.csv",

@@ -8,7 +8,7 @@ import numpy as np
 
 from sassgis.compiled import rng
 from sassgis.compiled.jit import lean
-from sassgis.engine.ellipse import inertia, mean_radius
+from sassgis.engine.ellipse import inertia, mean_radius, outlined
 from sassgis.engine.rows import Record
 from sassgis.engine.state import Block, Physics, Start
 
@@ -67,18 +67,9 @@ def block_of(a: float, b: float, c: float, density: float, mass: float, key: np.
 
 @lean
 def with_outline(block: Block, physics: Physics) -> Block:
-    """Return the block with the axes that act in the plane of motion.
-
-    The ellipse is as large, with that ratio.
-
-    Ours. Blocks with edges do not roll as discs where their longer axes are equal, and elongated
-    ones turn about an axis that moves, so that the plane meets them in rounder outlines.
-    """
-    if physics.outline_edges == 0.0 and physics.outline_share == 1.0:
-        return block
-    ratio = 1.0 + physics.outline_edges + physics.outline_share * (block.a / block.b - 1.0)
-    size, root = math.sqrt(block.a * block.b), math.sqrt(ratio)
-    return block_of(size * root, size / root, block.c, block.density, block.mass, block.key)
+    """Return the block with the axes as which it moves in the plane."""
+    a, b = outlined(block.a, block.b, physics.outline_edges, physics.outline_share)
+    return block_of(a, b, block.c, block.density, block.mass, block.key)
 
 
 @lean

@@ -48,6 +48,20 @@ def frame_of(a: float, b: float, s: float, c: float) -> tuple[float, float, floa
 
 
 @kernel
+def outlined(a: float, b: float, edges: float, share: float) -> tuple[float, float]:
+    """Return the semi-axes of the ellipse as which a block moves in the plane (m).
+
+    As large as that of its longer axes, of the ratio 1 + edges + share (a/b - 1). Ours: blocks with
+    edges do not roll as discs where these axes are equal, and elongated ones turn about an axis
+    that moves, so that the plane meets them in rounder outlines.
+    """
+    if edges == 0.0 and share == 1.0:
+        return a, b
+    size, root = math.sqrt(a * b), math.sqrt(1.0 + edges + share * (a / b - 1.0))
+    return size * root, size / root
+
+
+@kernel
 def mean_radius(a: float, b: float) -> float:
     """Return perimeter over 2π (m), by Ramanujan's second formula (1914); exact for a circle."""
     h = ((a - b) / (a + b)) ** 2

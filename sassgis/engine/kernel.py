@@ -315,8 +315,9 @@ def simulate_blocks(
         # The released block first, then those that it and they spawn, in turn.
         key = rng.block_key(setup.seed, line_key, setup.first_rock + r)
         spread = setup.physics.rolling_friction_sd
-        drawn = draw_block(limits[0], limits[1], key)
-        outlined = with_outline(drawn, setup.physics)
+        # The released block is reported as it was drawn, a fragment as it moves.
+        stated = draw_block(limits[0], limits[1], key)
+        outlined = with_outline(stated, setup.physics)
         block = with_drag(hooks.on_block(effects, outlined), spread)
         start = release(effects, state, block, site, setup, limits, key, first, second, path, i)
         number = i * setup.n_blocks + r
@@ -334,9 +335,7 @@ def simulate_blocks(
             output = Output(rows.passages[n:], work.cells, log, spawned)
             simulate_block(state, block, site, output, setup.physics, effects, path)
             cells, mass = work.cells, block.mass
-            last = finish_block(row, block, state, site, rows, totals.sums, cells)
-            # The released block as it was drawn, not as it moves.
-            row.a_m, row.b_m = stated_axes(drawn, block, n_spawned)
+            last = finish_block(row, stated, state, site, rows, totals.sums, cells)
             n_touched = state.n_touched
             if work.windows.peak.size:
                 meet_disks(cells, n_touched, mass, totals.windows.disks, work.windows)
@@ -356,8 +355,8 @@ def simulate_blocks(
                 return NO_ROOM
             leaving = spawned.rows[n_spawned]
             n_spawned += 1
-            spawned_one = spawned_block(leaving, block.density, key, n_spawned)
-            block = with_drag(hooks.on_block(effects, spawned_one), spread)
+            stated = spawned_block(leaving, block.density, key, n_spawned)
+            block = with_drag(hooks.on_block(effects, stated), spread)
             if path is not None:
                 continue_path(effects, state, block, site, path, leaving)
             start_spawned(state, block, site, leaving, start.x)
@@ -461,14 +460,6 @@ def open_row(row: Record, line: int, number: int, spawned: int, start: float) ->
     row.rock = number
     row.piece = spawned
     row.start_m = start
-
-
-@lean
-def stated_axes(drawn: Block, block: Block, n_spawned: int) -> tuple[float, float]:
-    """Return longer axes of the released block as it was drawn; of a fragment as it moves (m)."""
-    if n_spawned > 0:
-        return block.a, block.b
-    return drawn.a, drawn.b
 
 
 @fused

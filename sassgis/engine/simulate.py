@@ -14,6 +14,7 @@ from sassgis.engine import barriers as control_line_rules
 from sassgis.engine import impact as impact_rules
 from sassgis.engine.effects.hooks import ground_of, most_spawned, prepare
 from sassgis.engine.effects.spawning import MOST_SPAWNED
+from sassgis.engine.ellipse import outlined
 from sassgis.engine.kernel import (
     MANY_VISITS,
     NO_ROOM,
@@ -309,6 +310,18 @@ def physics_of(settings: EngineSettings) -> Physics:
         outline_edges=float(settings.outline_edges or 0.0),
         outline_share=1.0 if settings.outline_share is None else float(settings.outline_share),
     )
+
+
+def moving_axes(axes: FloatArray, settings: EngineSettings) -> FloatArray:
+    """Return the semi-axes of blocks as they move, of those that they state, longest first (m).
+
+    Heights of flight are counted from them. Shape (..., 2 or more) of both.
+    """
+    physics = physics_of(settings.resolved())
+    moving: FloatArray = np.array(axes, order="C")
+    for row in moving.reshape(-1, moving.shape[-1]):
+        row[:2] = outlined(row[0], row[1], physics.outline_edges, physics.outline_share)
+    return moving
 
 
 def setup_of(

@@ -10,6 +10,7 @@ import pytest
 from helpers import engine_lab as lab
 
 from sassgis.engine.ellipse import inertia, mean_radius
+from sassgis.engine.simulate import moving_axes
 from sassgis.errors import ConfigError
 from sassgis.settings.settings import EngineSettings
 
@@ -238,3 +239,13 @@ def test_outline_in_the_plane_of_motion(longer, ratio):
 def test_paper_moves_the_ellipse_of_the_two_longer_axes():
     paper = dataclasses.replace(lab.PAPER, outline_edges=0.0, outline_share=1.0)
     assert lab.PAPER.resolved() == paper.resolved()
+
+
+def test_heights_are_counted_from_the_axes_as_which_a_block_moves():
+    stated = np.array([[[0.5, 0.5, 0.3]], [[1.0, 0.5, 0.3]]])
+    settings = dataclasses.replace(lab.HAZARD, outline_edges=0.1, outline_share=0.3)
+    moving = moving_axes(stated, settings)
+    np.testing.assert_allclose(moving[..., 0] / moving[..., 1], [[1.1], [1.4]], rtol=1e-12)
+    np.testing.assert_allclose(moving[..., :2].prod(-1), stated[..., :2].prod(-1), rtol=1e-12)
+    assert np.array_equal(moving[..., 2], stated[..., 2])
+    assert np.array_equal(moving_axes(stated, lab.PAPER), stated)

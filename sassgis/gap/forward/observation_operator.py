@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from sassgis.engine.effects.entrainment import Entrainment
 from sassgis.engine.effects.fragmentation import Fragmentation
 from sassgis.engine.ellipse import mean_radius
+from sassgis.engine.simulate import moving_axes
 from sassgis.engine.state import END, EVENT_DTYPE, FLIGHT, IMPACT
 from sassgis.gap.forward.hypothesis_model import HypothesisModel, ReleaseError
 from sassgis.gap.forward.released_rocks import Moved, all_rocks, in_plane, move
@@ -200,10 +201,11 @@ class _Record:
 
         Heights are counted from it.
         """
-        a, b = self._of_rocks("a_m"), self._of_rocks("b_m")
+        stated = np.column_stack([self._of_rocks("a_m"), self._of_rocks("b_m")])
+        axes = moving_axes(stated, self._case.engine)
         # The engine counts heights of flight from the shorter axis; a rock that rolls has none.
-        rolling = np.array([mean_radius(*axes) for axes in zip(a, b, strict=True)])
-        lever = np.where(rows["height_m"] > 0.0, b[owner], rolling[owner])
+        rolling = np.array([mean_radius(*pair) for pair in axes])
+        lever = np.where(rows["height_m"] > 0.0, axes[owner, 1], rolling[owner])
         size = np.cbrt(rows["mass_kg"] / self._mass[owner])
         cosine = np.cos(dips_at(self._lines.unforested, owner % self._n, rows["chainage_m"]))
         return lever * size / cosine

@@ -15,6 +15,7 @@ from dataclasses import replace
 import numpy as np
 from scipy.spatial import cKDTree
 
+from sassgis.engine.simulate import moving_axes
 from sassgis.gap.forward.released_rocks import Releases, fixed_blocks, move
 from sassgis.gap.forward.rock_lines import RockLines, dips_at
 from sassgis.gap.observations.campaign import errors_of
@@ -120,7 +121,7 @@ def _restarted(
     done = move(case, model.rock_lines, releases, model.moving, seed=model.seed + 1 + k, count=1)
     at, _, _ = passages_of(
         model.rock_lines.unforested, done, rock[done.passages["line"]],
-        draw[done.passages["line"]], run.axes_m, len(case.station_names),
+        draw[done.passages["line"]], moving_axes(run.axes_m, case.engine), len(case.station_names),
     )  # fmt: skip
     at.arrived[~started] = np.nan
     ends = ends_of(done, rock.size, 1, model.rock_lines.end[rock])

@@ -10,6 +10,7 @@ from numpy.lib.stride_tricks import sliding_window_view
 from scipy.cluster.hierarchy import fcluster, linkage
 
 from sassgis.engine.effects.lateral_deflection import LateralDeflection
+from sassgis.engine.simulate import moving_axes
 from sassgis.gap.forward.hypothesis_model import HypothesisModel
 from sassgis.gap.forward.observation_operator import observe
 from sassgis.gap.forward.released_rocks import Moved, all_rocks, move
@@ -187,8 +188,9 @@ def free_run(case: Case, model: RunModel, replicates: int) -> FreeRun:
     axes = axes.reshape(n, replicates, 3)
     rows = done.passages
     at, ground, rise_rad = passages_of(
-        model.rock_lines.unforested, done, rows["line"], rows["rock"], axes, m
-    )
+        model.rock_lines.unforested, done, rows["line"], rows["rock"],
+        moving_axes(axes, case.engine), m,
+    )  # fmt: skip
     at.arrived[np.broadcast_to(_not_passed(case)[:, None, :], at.arrived.shape)] = np.nan
     ends = ends_of(done, n, replicates, model.rock_lines.end)
     impacts = _impacts(case, model, done, replicates) if recorded else ()
@@ -214,16 +216,17 @@ def passages_of(
     done: Moved,
     rock: IntArray,
     draw: IntArray,
-    axes: FloatArray,
+    moving: FloatArray,
     n_stations: int,
 ) -> tuple[AtStations, BoolArray, FloatArray]:
     """Return passages as arrays by rock, replicate and station.
 
     Of a rock and its fragments they are the rock's.
 
-    ``rock`` and ``draw`` are those of each passage.
+    ``rock`` and ``draw`` are those of each passage, ``moving`` the semi-axes of rocks as they move
+    (m), shape (n, k, 3).
     """
-    n, k, _ = axes.shape
+    n, k, _ = moving.shape
     *values, rise_rad = np.full((6, n, k, n_stations), np.nan)
     at = AtStations(*values)
     at.arrived[:] = 0.0
@@ -233,7 +236,7 @@ def passages_of(
     control_line = rows["control_line"].astype(np.int64)
     dip = dips_at(profiles, rock, rows["chainage_m"])
     on_ground = rows["height_m"] <= 0.0
-    a, b = axes[rock, draw, 0], axes[rock, draw, 1]
+    a, b = moving[rock, draw, 0], moving[rock, draw, 1]
     # A rolling rock turns about its centre at the mean radius; flights are counted from b.
     round_ = 0.5 * (a + b)
     rest = np.where(on_ground, round_, b) / np.cos(dip)
