@@ -33,8 +33,6 @@ PARTS = {
     "the ground ahead of a followed path": ("path.py", "path_behind.py", "cell_geometry.py"),
     "headings": ("heading.py",),
 }
-# Compiled code is looked at only: what Python, the terrain and its lines take is not in it.
-_ENTRIES = {"fall_line": "simulate_lines", "followed": "simulate_paths"}
 
 
 def watched(folder: Path, path: str, blocks: int, code: Path, address: Path) -> None:
@@ -62,7 +60,8 @@ def watched(folder: Path, path: str, blocks: int, code: Path, address: Path) -> 
     release = dataclasses.replace(run.release, rocks_per_point=blocks)
     run = dataclasses.replace(run, release=release)
     simulate_map(run, plan(run), jobs=1)
-    function: Any = getattr(kernel, _ENTRIES[path])
+    # Compiled code is looked at only: what Python, the terrain and its lines take is not in it.
+    function: Any = kernel.simulate_strata
     (made,) = jit._entry(function.py_func, True).overloads.values()  # type: ignore[attr-defined]
     name = made.fndesc.llvm_func_name
     code.write_bytes(made.library._get_compiled_object())
@@ -111,7 +110,7 @@ def measure(rough: bool, blocks: int) -> dict[str, dict[str, float]]:
     with tempfile.TemporaryDirectory() as temporary:
         work = Path(temporary)
         slope.write_slope(work / "slope", rough)
-        for path in _ENTRIES:
+        for path in ("fall_line", "followed"):
             code, address, record = (work / f"{path}.{kind}" for kind in ("o", "address", "perf"))
             # Machine code from a cache would have no lines.
             cache = work / path

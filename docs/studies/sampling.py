@@ -38,16 +38,23 @@ from sassgis.compiled import rng
 from sassgis.compiled.jit import kernel
 from sassgis.engine.block import move, start_released
 from sassgis.engine.cell_register import empty_register
-from sassgis.engine.draws import draw_block, draw_start
+from sassgis.engine.draws import draw_block
 from sassgis.engine.effects.hooks import BLOCK_DTYPE
-from sassgis.engine.effects.spawning import room_for
 from sassgis.engine.ground_ahead import Path, room_ahead
 from sassgis.engine.heading import start_path
 from sassgis.engine.recording import ENERGY, STRETCH_DTYPE, empty_work
-from sassgis.engine.rows import last_of, record_type
+from sassgis.engine.rows import empty_table, record_type
 from sassgis.engine.simulate import setup_of
 from sassgis.engine.simulate_paths import PathTerrain, _path, _places
-from sassgis.engine.state import END, EVENT_DTYPE, VERTEX_DTYPE, Block, EventLog, Output, Site
+from sassgis.engine.state import (
+    END,
+    EVENT_DTYPE,
+    SPAWNED_DTYPE,
+    VERTEX_DTYPE,
+    Block,
+    Output,
+    Site,
+)
 from sassgis.grid import FloatArray
 from sassgis.inputs.config import load_config
 from sassgis.runs.inputs import read_map_run
@@ -111,13 +118,14 @@ def _drifting(path: Path, drift: float) -> Path:
     return Path(
         path.heights, path.ground, path.stems, path.diameter, path.cell_size, path.tolerance,
         path.side_tilt, drift, path.sides, path.line_u, path.line_v, path.line_number,
-        path.line_kind, path.line_height, path.line_capacity, path.line_seen, path.register,
+        path.lines, path.line_seen, path.register,
     )  # fmt: skip
 
 
 @kernel
-def _copy(rows: Any, to: Any) -> None:
-    for i in range(last_of(rows) + 1):
+def _copy(rows: Any, to: Any, n: int) -> None:
+    """Copy the rows of so many segments."""
+    for i in range(n + 1):
         to[i] = rows[i]
 
 
@@ -136,7 +144,7 @@ def _released(
     # The engine multiplies a standard deviation by a draw of the block's own.
     own_path = _drifting(path, drawn[DRIFT] / rng.normal(key, rng.DRIFT, 0))
     start_path(None, state, block, site, own_path, drawn[AT_U], drawn[AT_V])
-    start_released(state, block, site, physics, draw_start(limits[0], limits[1], key, 0.0, 0.0))
+    start_released(state, block, site, physics, limits[0], limits[1], key, 0.0)
     return block
 
 
@@ -178,6 +186,7 @@ def follow_split(
     first = np.zeros(depths + 2, np.int64)
     marked = np.zeros(cells.size, np.bool_)
     stack = np.zeros(cells.size, np.int64)
+    sizes = np.zeros((depths, 2), np.int64)  # segments and stretches that are kept
     for r in range(keys.size):
         block = _released(keys[r], drawn[r], limits, physics, path, site, state)
         left[0] = 1
@@ -195,8 +204,9 @@ def follow_split(
             before = -1.0
             if depth > 0:
                 state_row[0] = kept[depth]
-                _copy(vertices[depth - 1], site.profile)
-                _copy(stretches[depth - 1], site.stretches)
+                site.profile.n[0], site.stretches.n[0] = sizes[depth - 1]
+                _copy(vertices[depth - 1], site.profile.rows, site.profile.n[0])
+                _copy(stretches[depth - 1], site.stretches.rows, site.stretches.n[0])
                 block = _with(block, rng.mix(keys[r] + np.uint64(going)), block.drag)
                 before = state.furthest
             until = levels[depth] if depth < depths else np.inf
@@ -214,8 +224,9 @@ def follow_split(
                 continue
             depth += 1
             kept[depth] = state
-            _copy(site.profile, vertices[depth - 1])
-            _copy(site.stretches, stretches[depth - 1])
+            sizes[depth - 1] = site.profile.n[0], site.stretches.n[0]
+            _copy(site.profile.rows, vertices[depth - 1], site.profile.n[0])
+            _copy(site.stretches.rows, stretches[depth - 1], site.stretches.n[0])
             left[depth] = copies
 
 
@@ -235,11 +246,10 @@ class Points:
         self.setup = setup_of(
             run.table, self.blocks, run.engine, (), run.effects, 0, BLOCKS, run.seed
         )
-        rows, crossings, stretches = room_ahead()
-        self.site = Site(rows, self.setup.grounds, crossings, stretches)
+        self.site = room_ahead(self.setup.grounds)
         self.output = Output(
             np.zeros(1, np.dtype((np.record, PASSAGE_DTYPE))), empty_work(ROOM, False),
-            EventLog(np.zeros(0, EVENT_DTYPE), np.zeros(1, np.int64)), room_for(0),
+            empty_table(0, EVENT_DTYPE), empty_table(0, SPAWNED_DTYPE),
         )  # fmt: skip
         self.drift = np.radians(run.engine.drift_deg)
 
@@ -269,8 +279,8 @@ class Points:
         keys = seed.integers(0, 2**64, n, np.uint64)
         room = (
             np.zeros(depths + 1, BLOCK_DTYPE),
-            np.zeros((depths, self.site.profile.size), VERTEX_DTYPE),
-            np.zeros((depths, self.site.stretches.size), STRETCH_DTYPE),
+            np.zeros((depths, self.site.profile.rows.size), VERTEX_DTYPE),
+            np.zeros((depths, self.site.stretches.rows.size), STRETCH_DTYPE),
         )
         drawn = self.starts(point, unit)
         limits = self.setup.limits[point].astype(record_type(*self.setup.limits.dtype.descr))

@@ -9,12 +9,12 @@ import numpy as np
 
 from sassgis.compiled.jit import inlined, kernel, lean
 from sassgis.engine.resistance import share_gained
-from sassgis.engine.rows import Record, Records, last_of
+from sassgis.engine.rows import Record, Table
 from sassgis.engine.state import BARRIER, CROSSING_DTYPE, Block, Output, Site, end
 from sassgis.grid import FloatArray, IntArray
+from sassgis.settings.results import Outcome
 
-# What became of it; the same numbers as model.results.Outcome.
-PASSED, STOPPED, OVERTOPPED, BROKE_THROUGH, HELD_BY_NET = 0, 1, 2, 3, 4
+PASSED, STOPPED, OVERTOPPED, BROKE_THROUGH, HELD_BY_NET = map(int, Outcome)
 
 # Kinds of control line: no barrier, one that stops for good, one after which a block moves on from
 # rest.
@@ -36,45 +36,38 @@ def no_meeting() -> Meeting:
     return Meeting(-1, np.inf, PASSED, 1.0)
 
 
+class ControlLineTable(NamedTuple):
+    """Stations and barriers of the run."""
+
+    kind: IntArray
+    height: FloatArray  # (m)
+    capacity: FloatArray  # (J)
+
+
 @kernel
 def crossings_of(
-    profile: Records,
-    chainage: FloatArray,
-    number: IntArray,
-    kind: IntArray,
-    height: FloatArray,
-    capacity: FloatArray,
-) -> Records:
-    """Return stations and barriers on a profile.
+    profile: Table, chainage: FloatArray, number: IntArray, lines: ControlLineTable
+) -> Table:
+    """Return stations and barriers on a profile (CROSSING_DTYPE).
 
-    Parameters
-    ----------
-    chainage : float64, shape (n,)
-        Rising (m).
-    number : int64, shape (n,)
-        Position of each in ``kind``, ``height`` (m) and ``capacity`` (J).
-
-    Returns
-    -------
-    CROSSING_DTYPE, shape (max(n, 1),)
+    ``chainage`` (m) rises; ``number`` is the position of each in ``lines``.
     """
-    rows = np.zeros(max(chainage.size, 1), CROSSING_DTYPE)
-    rows[0].last = chainage.size
-    n = last_of(profile)
+    rows = np.zeros(chainage.size, CROSSING_DTYPE)
+    n = profile.n[0]
     for i in range(chainage.size):
         x = chainage[i]
         j = 0
-        while j < n - 1 and profile[j + 1].x <= x:
+        while j < n - 1 and profile.rows[j + 1].x <= x:
             j += 1
-        under = profile[j]
+        under = profile.rows[j]
         row = rows[i]
         row.x = x
         row.z = under.z + (x - under.x) * under.tz / under.tx
-        row.kind = kind[number[i]]
-        row.height = height[number[i]]
-        row.capacity = capacity[number[i]]
+        row.kind = lines.kind[number[i]]
+        row.height = lines.height[number[i]]
+        row.capacity = lines.capacity[number[i]]
         row.number = number[i]
-    return rows
+    return Table(rows, np.full(1, chainage.size, np.int64))
 
 
 @lean
@@ -82,7 +75,7 @@ def _write_passage(
     state: Record,
     output: Output,
     block: Block,
-    crossings: Records,
+    crossings: Table,
     crossing: Record,
     outcome: int,
     vx: float,
@@ -91,10 +84,10 @@ def _write_passage(
     height: float,
 ) -> None:
     """Write what a block does where it first comes to a control line."""
-    for i in range(last_of(crossings)):
+    for i in range(crossings.n[0]):
         # A line that is crossed twice acts twice, but is passed once.
-        if crossings[i].number == crossing.number:
-            crossings[i].seen = True
+        if crossings.rows[i].number == crossing.number:
+            crossings.rows[i].seen = True
     row = output.passages[state.n_passages]
     row.control_line = crossing.number
     row.outcome = outcome
@@ -124,7 +117,7 @@ def _at_barrier(crossing: Record, energy: float) -> tuple[int, float]:
 
 
 @lean
-def _is_behind(crossings: Records, met: Meeting, crossing: Record) -> bool:
+def _is_behind(crossings: Table, met: Meeting, crossing: Record) -> bool:
     """Return whether a barrier met lies before a control line, which is then not reached.
 
     The remaining speed goes on to all lines at the same place, in their order. One that is
@@ -132,7 +125,7 @@ def _is_behind(crossings: Records, met: Meeting, crossing: Record) -> bool:
     """
     if met.line < 0:
         return False
-    here = crossings[met.line].x == crossing.x
+    here = crossings.rows[met.line].x == crossing.x
     return not here or (met.outcome == STOPPED and crossing.kind != STATION)
 
 
@@ -170,13 +163,13 @@ def control_lines_in_flight(
         return no_meeting()
     crossings = site.crossings
     profile = site.profile
-    n = last_of(crossings)
+    n = crossings.n[0]
     x_end = state.x + vx * until
     forward = vx > 0.0
     met = no_meeting()
     for k in range(n):
         i = k if forward else n - 1 - k
-        crossing = crossings[i]
+        crossing = crossings.rows[i]
         line_x = crossing.x
         if not _comes_to(state, crossing, x_end, forward) or _is_behind(crossings, met, crossing):
             continue
@@ -196,9 +189,9 @@ def control_lines_in_flight(
                 outcome, left = _at_barrier(crossing, kept * kept * energy)
         if forward and not crossing.seen:
             j = state.segment
-            while j < last_of(profile) - 1 and profile[j + 1].x < line_x:
+            while j < profile.n[0] - 1 and profile.rows[j + 1].x < line_x:
                 j += 1
-            height = max(z - crossing.z - block.b / profile[j].tx, 0.0)
+            height = max(z - crossing.z - block.b / profile.rows[j].tx, 0.0)
             _write_passage(
                 state, output, block, crossings, crossing, outcome, kept * vx, kept * wz,
                 kept * state.omega, height
@@ -238,7 +231,7 @@ def control_lines_on_ground(
     Passages are written.
     """
     crossings = site.crossings
-    n = last_of(crossings)
+    n = crossings.n[0]
     forward = state.direction > 0
     x = stretch.x
     x_end = stretch.x_end
@@ -246,7 +239,7 @@ def control_lines_on_ground(
     met = no_meeting()
     for k in range(n):
         i = k if forward else n - 1 - k
-        crossing = crossings[i]
+        crossing = crossings.rows[i]
         line_x = crossing.x
         if not _comes_to(state, crossing, x_end, forward) or _is_behind(crossings, met, crossing):
             continue

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from sassgis.compiled import rng
 from sassgis.compiled.jit import fused, lean
 from sassgis.engine.contact import resting_height
 from sassgis.engine.effects import hooks
@@ -22,7 +23,7 @@ from sassgis.engine.heading import (
 from sassgis.engine.landing import land
 from sassgis.engine.profile import angle_of, segment_at, stretch_from
 from sassgis.engine.rolling import rolling_friction
-from sassgis.engine.rows import Record, last_of
+from sassgis.engine.rows import Record
 from sassgis.engine.state import (
     END,
     FLIGHT,
@@ -36,7 +37,6 @@ from sassgis.engine.state import (
     Output,
     Physics,
     Site,
-    Start,
     end,
     end_at_rest,
     log_event,
@@ -101,7 +101,7 @@ def move(
         elif state.phase == IMPACT:
             into = -(state.vx * state.nx + state.vz * state.nz)
             impacts = state.impacts
-            spawned = output.spawned.filled[0]
+            spawned = output.spawned.n[0]
             land(state, block, site, output, physics, effects)
             if path is not None:
                 stays_on_known(state, site)
@@ -113,7 +113,7 @@ def move(
             steep2, descent = before_ground(state, block, site, path, physics)
             if state.phase != FLIGHT:
                 x = state.x
-                level = state.speed * site.profile[state.segment].tx
+                level = state.speed * site.profile.rows[state.segment].tx
                 ground_motion(state, block, site, output, physics, effects)
                 stays_on_known(state, site)
                 after_ground(state, physics, steep2, descent, x, level, abs(state.vx))
@@ -121,7 +121,7 @@ def move(
                 end_at_rest(state, block)
         else:
             ground_motion(state, block, site, output, physics, effects)
-        if path is not None and last_of(site.crossings) > 0:
+        if path is not None and site.crossings.n[0] > 0:
             note_passages(site, path)
 
 
@@ -162,36 +162,44 @@ def _clear(state: Record, site: Site, x: float, stretch: int) -> None:
     state.about = 1.0
     state.stuck = 0
     state.stretch = stretch_from(site.stretches, stretch, x)
-    for i in range(last_of(site.crossings)):
-        site.crossings[i].seen = False
+    for i in range(site.crossings.n[0]):
+        site.crossings.rows[i].seen = False
 
 
 @lean
-def start_released(state: Record, block: Block, site: Site, physics: Physics, start: Start) -> None:
-    """Set the state of a block that is released.
+def start_released(
+    state: Record, block: Block, site: Site, physics: Physics, low: Record, high: Record,
+    key: np.uint64, x: float,
+) -> None:  # fmt: skip
+    """Set the state of a block that is released at chainage x (m), drawn as by draw_block.
 
     Dropped, it falls. At rest, it slides or rolls where the friction allows, or never starts.
     Pushed without spin it slides; with spin it meets the ground where it lies.
     """
+    # Along the slope, positive downhill; positive as a block that rolls downhill; height above its
+    # resting position; angle of the major axis to the slope.
+    speed = rng.between(key, rng.SPEED, 0, low.speed_mps, high.speed_mps)
+    spin = rng.between(key, rng.SPIN, 0, low.spin_radps, high.spin_radps)
+    drop = rng.between(key, rng.DROP, 0, low.drop_m, high.drop_m)
+    tilt = rng.between(key, rng.ORIENTATION, 0, low.orientation_rad, high.orientation_rad)
     profile = site.profile
-    _clear(state, site, start.x, 0)
-    segment = segment_at(profile, start.x, 0)
-    here = profile[segment]
+    _clear(state, site, x, 0)
+    segment = segment_at(profile, x, 0)
+    here = profile.rows[segment]
     state.segment = segment
-    state.theta = start.orientation + angle_of(profile, segment)
-    lies = resting_height(start.x, state.theta, block.a, block.b, profile, segment)
-    state.z = lies + start.drop
-    state.vx = start.speed * here.tx
-    state.vz = start.speed * here.tz
-    state.omega = start.spin
-    state.speed = start.speed
+    state.theta = tilt + angle_of(profile, segment)
+    state.z = resting_height(x, state.theta, block.a, block.b, profile, segment) + drop
+    state.vx = speed * here.tx
+    state.vz = speed * here.tz
+    state.omega = spin
+    state.speed = speed
     state.nx = -here.tz
     state.nz = here.tx
-    if start.drop > 0.0:
+    if drop > 0.0:
         state.phase = FLIGHT
-    elif start.spin != 0.0:
+    elif spin != 0.0:
         state.phase = IMPACT
-    elif start.speed != 0.0:
+    elif speed != 0.0:
         state.phase = SLIDING
     else:
         _start_at_rest(state, block, site, physics)
@@ -203,7 +211,7 @@ def _start_at_rest(state: Record, block: Block, site: Site, physics: Physics) ->
 
     One that tips under the friction of sliding rolls from the start.
     """
-    here = site.profile[state.segment]
+    here = site.profile.rows[state.segment]
     ground = site.grounds[here.ground]
     steep = abs(here.tz) / here.tx
     state.direction = 1 if here.tz <= 0.0 else -1

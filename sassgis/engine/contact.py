@@ -16,7 +16,7 @@ from sassgis.compiled.jit import fused, inlined, lean
 from sassgis.engine.ellipse import cos_sin
 from sassgis.engine.ellipse_contact import Flying, contact_with_segment, contact_with_vertex
 from sassgis.engine.profile import segment_at
-from sassgis.engine.rows import Record, Records, last_of
+from sassgis.engine.rows import Record, Table
 
 #: Share of a number below which what it differs by is no better than rounding.
 _CANCELS = 1e-10
@@ -40,18 +40,18 @@ def _no_contact(t: float) -> Contact:
 
 
 @inlined
-def span(profile: Records, j: int) -> float:
+def span(profile: Table, j: int) -> float:
     """Return the length of a segment, along its tangent (m)."""
-    here = profile[j]
-    after = profile[j + 1]
+    here = profile.rows[j]
+    after = profile.rows[j + 1]
     return float((after.x - here.x) * here.tx + (after.z - here.z) * here.tz)
 
 
 @inlined
-def is_convex(profile: Records, k: int) -> bool:
+def is_convex(profile: Table, k: int) -> bool:
     """Return whether the ground turns down at vertex k."""
-    behind = profile[k - 1]
-    here = profile[k]
+    behind = profile.rows[k - 1]
+    here = profile.rows[k]
     return bool(behind.tx * here.tz - behind.tz * here.tx < -1e-12)
 
 
@@ -99,7 +99,7 @@ def _core_contact(
     start: float,
     end: float,
     tolerance: float,
-    profile: Records,
+    profile: Table,
     j: int,
     length: float,
 ) -> tuple[float, float, float, int]:
@@ -108,26 +108,27 @@ def _core_contact(
     Returns time, normal and the vertex that is met, -1 for the segment itself.
     """
     ball = Flying(flying.x, flying.z, flying.vx, flying.vz, 0.0, 0.0, core, core, flying.gravity)
-    here = profile[j]
+    here = profile.rows[j]
     best = touched = np.inf
     if not _stays_beside(flying, here, length, start, end, tolerance):
         best, _, touched = contact_with_segment(ball, start, end, tolerance, here, length)
     nx = -here.tz
     nz = here.tx
     met = -1
-    for k in range(max(j, 1), min(j + 1, last_of(profile) - 1) + 1):
+    for k in range(max(j, 1), min(j + 1, profile.n[0] - 1) + 1):
         if not is_convex(profile, k):
             continue
         if flying.gravity == 0.0:
             # Moved along the ground, by a unit vector: it passes what lies next to its way.
-            aside = (profile[k].x - flying.x) * flying.vz - (profile[k].z - flying.z) * flying.vx
+            vertex = profile.rows[k]
+            aside = (vertex.x - flying.x) * flying.vz - (vertex.z - flying.z) * flying.vx
             if abs(aside) > core + 1.5 * tolerance:
                 continue
-        other = profile[k - 1 if k == j else k]
+        other = profile.rows[k - 1 if k == j else k]
         if _vertex_from(flying, here, other, touched, tolerance) > min(end, best):
             continue
         t, vertex_nx, vertex_nz = contact_with_vertex(
-            ball, start, min(end, best), tolerance, profile[k - 1], profile[k]
+            ball, start, min(end, best), tolerance, profile.rows[k - 1], profile.rows[k]
         )
         if t < best:
             best = t
@@ -185,7 +186,7 @@ def next_contact(
     start: float,
     end: float,
     tolerance: float,
-    profile: Records,
+    profile: Table,
     near: int,
     skip_to: int,
 ) -> Contact:
@@ -209,7 +210,7 @@ def next_contact(
     Contact
         Of two contacts at the same time, the one approached faster.
     """
-    n = last_of(profile)
+    n = profile.n[0]
     vx = flying.vx
     step = 1 if vx >= 0.0 else -1
     still = abs(vx) < 1e-9
@@ -222,18 +223,18 @@ def next_contact(
     # The segment under its rear end.
     j = segment_at(profile, flying.x + flying.vx * start - step * flying.a, near)
     while 0 <= j < n:
-        here = profile[j]
+        here = profile.rows[j]
         # Of what the block has just left, only its core can be stopped.
         left = skip_to >= 0 and (j <= skip_to if step > 0 else j >= skip_to)
         first = start
         last = best.t + same
         if still:
             if (step > 0 and here.x > flying.x + flying.a) or (
-                step < 0 and profile[j + 1].x < flying.x - flying.a
+                step < 0 and profile.rows[j + 1].x < flying.x - flying.a
             ):
                 break
         else:
-            first, last = _times_over(flying, here.x, profile[j + 1].x, step, first, last)
+            first, last = _times_over(flying, here.x, profile.rows[j + 1].x, step, first, last)
         if first > best.t + same:
             break
         if last >= first:
@@ -257,7 +258,7 @@ def next_contact(
 def _contact_at(
     flying: Flying,
     tolerance: float,
-    profile: Records,
+    profile: Table,
     j: int,
     step: int,
     left: bool,
@@ -276,8 +277,8 @@ def _contact_at(
 
     Parameters as the locals of next_contact; ``above``, ``rate`` and ``fall`` as _within_reach.
     """
-    n = last_of(profile)
-    here = profile[j]
+    n = profile.n[0]
+    here = profile.rows[j]
     length = span(profile, j)
     touched = np.inf
     # While it moves away from the line it does not touch the segment.
@@ -294,7 +295,7 @@ def _contact_at(
             continue
         if not is_convex(profile, k):
             continue
-        vertex = profile[k]
+        vertex = profile.rows[k]
         from_t = first
         to_t = min(last, best.t + same)
         if still:
@@ -302,10 +303,12 @@ def _contact_at(
                 continue
         else:
             from_t, to_t = _times_over(flying, vertex.x, vertex.x, step, from_t, to_t)
-        other = profile[k - 1 if k == j else k]
+        other = profile.rows[k - 1 if k == j else k]
         if from_t > to_t or _vertex_from(flying, here, other, touched, tolerance) > to_t:
             continue
-        t, nx, nz = contact_with_vertex(flying, from_t, to_t, tolerance, profile[k - 1], vertex)
+        t, nx, nz = contact_with_vertex(
+            flying, from_t, to_t, tolerance, profile.rows[k - 1], vertex
+        )
         if t < np.inf:
             approach = -(flying.vx * nx + (flying.vz - flying.gravity * t) * nz)
             if best.segment < 0 or t < best.t - same or approach > best.approach:
@@ -331,7 +334,7 @@ def resting_height(
     theta: float,
     a: float,
     b: float,
-    profile: Records,
+    profile: Table,
     near: int,
 ) -> float:
     """Return the height of the centre of an ellipse let down on the profile at chainage x (m).
@@ -353,10 +356,10 @@ def resting_height(
     ct, st = cos_sin(theta)
     reach = math.sqrt(a * a * ct * ct + b * b * st * st)
     height = -np.inf
-    n = last_of(profile)
+    n = profile.n[0]
     qa = st * st / (a * a) + ct * ct / (b * b)
     for j in range(segment_at(profile, x - a, near), n):
-        here = profile[j]
+        here = profile.rows[j]
         if here.x > x + a:
             break
         nx = -here.tz
@@ -372,12 +375,12 @@ def resting_height(
         if 0.0 <= foot <= length:
             height = max(height, z)
         for i in range(j, j + 2):
-            dx = profile[i].x - x
+            dx = profile.rows[i].x - x
             if abs(dx) >= reach:
                 continue
             qb = 2.0 * dx * st * ct * (1.0 / (a * a) - 1.0 / (b * b))
             qc = dx * dx * (ct * ct / (a * a) + st * st / (b * b)) - 1.0
             disc = qb * qb - 4.0 * qa * qc
             if disc >= 0.0:
-                height = max(height, profile[i].z + (qb + math.sqrt(disc)) / (2.0 * qa))
+                height = max(height, profile.rows[i].z + (qb + math.sqrt(disc)) / (2.0 * qa))
     return height

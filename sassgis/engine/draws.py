@@ -10,7 +10,7 @@ from sassgis.compiled import rng
 from sassgis.compiled.jit import lean
 from sassgis.engine.ellipse import inertia, mean_radius, outlined
 from sassgis.engine.rows import Record
-from sassgis.engine.state import Block, Physics, Start
+from sassgis.engine.state import Block, Physics
 
 
 @lean
@@ -91,15 +91,3 @@ def with_drag(block: Block, sd: float) -> Block:
         block.a, block.b, block.c, block.density, block.mass, block.key, block.inertia,
         block.radius, block.roll_radius, block.roll_share, drag
     )  # fmt: skip
-
-
-@lean
-def draw_start(low: Record, high: Record, key: np.uint64, nearest: float, farthest: float) -> Start:
-    """Draw how a block starts, between limits of its chainage (m) and as for draw_block."""
-    return Start(
-        rng.between(key, rng.START, 0, nearest, farthest),
-        rng.between(key, rng.SPEED, 0, low.speed_mps, high.speed_mps),
-        rng.between(key, rng.SPIN, 0, low.spin_radps, high.spin_radps),
-        rng.between(key, rng.DROP, 0, low.drop_m, high.drop_m),
-        rng.between(key, rng.ORIENTATION, 0, low.orientation_rad, high.orientation_rad),
-    )

@@ -11,7 +11,7 @@ from sassgis.engine.effects import hooks
 from sassgis.engine.ellipse_contact import Flying
 from sassgis.engine.profile import segment_at
 from sassgis.engine.recording import record_flight
-from sassgis.engine.rows import Record, Records, last_of
+from sassgis.engine.rows import Record, Table
 from sassgis.engine.state import (
     FLIGHT,
     IMPACT,
@@ -33,24 +33,24 @@ _LONGEST = 1e6
 
 
 @inlined
-def _time_to_end(state: Record, block: Block, profile: Records) -> float:
+def _time_to_end(state: Record, block: Block, profile: Table) -> float:
     """Return when the centre leaves the profile (s), which must go on under the whole block."""
     if state.vx > 1e-9:
         front = block.a + MARGIN_M if state.open else 0.0
-        limit = (profile[last_of(profile)].x - front - state.x) / state.vx
+        limit = (profile.rows[profile.n[0]].x - front - state.x) / state.vx
     elif state.vx < -1e-9:
-        limit = (profile[0].x - state.x) / state.vx
+        limit = (profile.rows[0].x - state.x) / state.vx
     else:
         limit = _LONGEST
     return float(max(limit, 0.0))
 
 
 @inlined
-def _is_over_ground(state: Record, profile: Records, gravity: float, until: float) -> bool:
+def _is_over_ground(state: Record, profile: Table, gravity: float, until: float) -> bool:
     """Return whether the centre is over the ground at the end (s) of a flight without contact."""
     x = state.x + state.vx * until
     z = state.z + (state.vz - 0.5 * gravity * until) * until
-    here = profile[segment_at(profile, x, state.segment)]
+    here = profile.rows[segment_at(profile, x, state.segment)]
     return bool(z >= here.z + (x - here.x) * here.tz / here.tx)
 
 
@@ -106,7 +106,7 @@ def flight(
     )  # fmt: skip
     until = contact.t if contact.segment >= 0 else limit
     barrier = no_meeting()
-    if last_of(site.crossings) > 0:
+    if site.crossings.n[0] > 0:
         barrier = control_lines_in_flight(state, block, site, output, g, until)
     at_barrier = barrier.line >= 0
     if at_barrier:
@@ -117,7 +117,7 @@ def flight(
         return
     _advance(state, block, site, output, g, until)
     if at_barrier:
-        state.x = site.crossings[barrier.line].x
+        state.x = site.crossings.rows[barrier.line].x
     state.lines_from = state.x
     state.furthest = max(state.furthest, state.x)
     arrived = at_barrier or contact.segment >= 0
@@ -135,7 +135,7 @@ def flight(
         after_barrier(state, barrier.outcome)
         if state.phase != FLIGHT:
             # It drops to the foot of the wall.
-            state.z = min(state.z, site.crossings[barrier.line].z + block.b)
+            state.z = min(state.z, site.crossings.rows[barrier.line].z + block.b)
     elif contact.segment < 0:
         if state.open:
             same_event(state, physics)

@@ -18,10 +18,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sassgis.compiled.jit import fused, inlined, lean
+from sassgis.engine.barriers import ControlLineTable
 from sassgis.engine.cell_register import CellRegister, registered
 from sassgis.engine.flight import MARGIN_M
 from sassgis.engine.recording import STRETCH_DTYPE
-from sassgis.engine.rows import Record, Records, last_of
+from sassgis.engine.rows import Record, Records, empty_table
 from sassgis.engine.state import CROSSING_DTYPE, FLIGHT, VERTEX_DTYPE, Block, Site
 from sassgis.grid import FloatArray, IntArray
 from sassgis.terrain.cell_geometry import SHORTEST_STRETCH, cell_index, exact, height_at, next_line
@@ -59,20 +60,17 @@ class Path(NamedTuple):
     line_u: FloatArray  # vertices of all stations and barriers, one after the other (cells)
     line_v: FloatArray
     line_number: IntArray  # of the station or barrier that begins here; -1: no segment begins here
-    line_kind: IntArray  # by the number, as kernel.ControlLineTable
-    line_height: FloatArray
-    line_capacity: FloatArray
+    lines: ControlLineTable  # by the number
     line_seen: NDArray[np.bool_]  # by the number: whether the block has been here
     register: CellRegister
 
 
-def room_ahead() -> tuple[Records, Records, Records]:
-    """Return room for vertices, crossings and stretches of the ground ahead."""
-    return (
-        np.zeros(_ROOM, VERTEX_DTYPE),
-        np.zeros(_ROOM, CROSSING_DTYPE),
-        np.zeros(3 * _ROOM, STRETCH_DTYPE),
-    )
+def room_ahead(grounds: Records) -> Site:
+    """Make room for the ground ahead, of classes as in ground_switch.GROUND_DTYPE."""
+    return Site(
+        empty_table(_ROOM, VERTEX_DTYPE), grounds, empty_table(_ROOM, CROSSING_DTYPE),
+        empty_table(3 * _ROOM, STRETCH_DTYPE),
+    )  # fmt: skip
 
 
 @inlined
@@ -146,21 +144,21 @@ def begin_profile(
     state.plane_at = behind
     state.plane_z = z
     state.plane_slope = slope
-    first = site.profile[0]
+    first = site.profile.rows[0]
     if behind == 0:
         first.x = state.x - BEHIND * block.a
         first.z = z + slope * (first.x - state.x)
         first.ground = ground
-        first.last = 0
-    start = site.stretches[0]
-    start.last = 0
+        site.profile.n[0] = 0
+    start = site.stretches.rows[0]
+    site.stretches.n[0] = 0
     start.start = first.x
     start.u, start.v = place(state, first.x)
     if behind > 0:
         u, v = place(state, state.x)
         cell = cell_index(u, v, path.heights.shape[0], path.heights.shape[1])
         for i in range(behind):
-            _add_stretch(state, site, path, cell, i, site.profile[i + 1].x)
+            _add_stretch(state, site, path, cell, i, site.profile.rows[i + 1].x)
     _keep_crossings(state, site)
     look_ahead(state, block, site, path, known_to(state, block), gravity)
 
@@ -175,19 +173,19 @@ def known_to(state: Record, block: Block) -> float:
 def add_vertex(site: Site, x: float, z: float) -> None:
     """End the last segment at chainage x and height z (m); the ground is that of the last."""
     profile = site.profile
-    n = last_of(profile)
-    here = profile[n]
+    n = profile.n[0]
+    here = profile.rows[n]
     dx = x - here.x
     dz = z - here.z
     here.length = math.sqrt(dx * dx + dz * dz)
     here.tx = dx / here.length
     here.tz = dz / here.length
     here.angle = math.nan
-    after = profile[n + 1]
+    after = profile.rows[n + 1]
     after.x = x
     after.z = z
     after.ground = here.ground
-    profile[0].last = n + 1
+    profile.n[0] = n + 1
 
 
 @fused
@@ -196,18 +194,18 @@ def _add_stretch(
 ) -> None:
     """Let the stretches go on in a cell (flat index) up to a chainage (m)."""
     stretches = site.stretches
-    n = last_of(stretches)
+    n = stretches.n[0]
     number = registered(path.register, cell) if cell >= 0 else -1
-    if n == 0 or stretches[n - 1].cell != number or stretches[n - 1].segment != segment:
-        row = stretches[n]
+    if n == 0 or stretches.rows[n - 1].cell != number or stretches.rows[n - 1].segment != segment:
+        row = stretches.rows[n]
         row.cell = number
         row.segment = segment
         if path.stems.size:
             row.stems = path.stems[cell] if cell >= 0 else 0.0
             row.diameter = path.diameter[cell] if cell >= 0 else 0.0
         n += 1
-        stretches[0].last = n
-    after = stretches[n]
+        stretches.n[0] = n
+    after = stretches.rows[n]
     after.start = end
     after.u, after.v = place(state, end)
 
@@ -216,8 +214,8 @@ def _add_stretch(
 def _full(site: Site) -> bool:
     """Return whether there is no room for another sample."""
     return bool(
-        last_of(site.profile) + 3 >= site.profile.size
-        or last_of(site.stretches) + 3 >= site.stretches.size
+        site.profile.n[0] + 3 >= site.profile.rows.size
+        or site.stretches.n[0] + 3 >= site.stretches.rows.size
     )
 
 
@@ -415,11 +413,11 @@ def _next_patch(state: Record, path: Path, lines: _Lines) -> Patch:
 def _go_on_from(state: Record, site: Site, path: Path) -> None:
     """Take up sampling where the profile ends."""
     profile = site.profile
-    state.ahead_z = profile[last_of(profile)].z
+    state.ahead_z = profile.rows[profile.n[0]].z
     if state.on_plane:
         # The plane stays one segment.
         state.ahead_z = state.plane_z + state.plane_slope * (state.sampled - state.from_x)
-        profile[0].last = state.plane_at
+        profile.n[0] = state.plane_at
     u, v = place(state, state.sampled)
     known = terrain_height(path, u, v)
     state.before_z = state.ahead_z if math.isnan(known) else known
@@ -468,7 +466,7 @@ def _along_plane(
     profile = site.profile
     on_plane = state.plane_z + state.plane_slope * (after.end - state.from_x)
     gap = abs(after.z - on_plane)
-    same = after.ground == profile[state.plane_at].ground
+    same = after.ground == profile.rows[state.plane_at].ground
     x = state.sampled
     if same and (gap <= limit or after.end <= least):
         _add_stretches(state, site, path, after, state.plane_at, after.end)
@@ -496,8 +494,8 @@ def _along_plane(
 def _along_cone(state: Record, site: Site, path: Path, after: Patch, limit: float) -> None:
     """Go on to the next sample on the open segment, or on a new one."""
     profile = site.profile
-    n = last_of(profile)
-    here = profile[n]
+    n = profile.n[0]
+    here = profile.rows[n]
     per_x = 1.0 / (after.end - here.x)
     down = (after.z - limit - here.z) * per_x
     up = (after.z + limit - here.z) * per_x
@@ -505,7 +503,7 @@ def _along_cone(state: Record, site: Site, path: Path, after: Patch, limit: floa
     if begun and (after.ground != here.ground or max(state.low, down) > min(state.high, up)):
         add_vertex(site, state.sampled, state.ahead_z)
         n += 1
-        here = profile[n]
+        here = profile.rows[n]
         _open_cone(state)
         per_x = 1.0 / (after.end - here.x)
         down = (after.z - limit - here.z) * per_x
@@ -525,14 +523,14 @@ def _along_cone(state: Record, site: Site, path: Path, after: Patch, limit: floa
 def _end_profile(state: Record, site: Site, path: Path) -> None:
     """End the last segment at the last sample."""
     profile = site.profile
-    if last_of(profile) == state.plane_at and state.sampled <= state.x:
+    if profile.n[0] == state.plane_at and state.sampled <= state.x:
         # The block stands at the edge of what is known.
         state.sampled = state.x + SHORTEST_STRETCH
         state.ahead_z = state.plane_z + state.plane_slope * SHORTEST_STRETCH
         u, v = place(state, state.x)
         edge = cell_index(u, v, path.heights.shape[0], path.heights.shape[1])
         _add_stretch(state, site, path, edge, state.plane_at, state.sampled)
-    if state.sampled > profile[last_of(profile)].x:
+    if state.sampled > profile.rows[profile.n[0]].x:
         add_vertex(site, state.sampled, state.ahead_z)
 
 
@@ -540,26 +538,26 @@ def _end_profile(state: Record, site: Site, path: Path) -> None:
 def _forget_behind(state: Record, block: Block, site: Site) -> None:
     """Make room: take the ground far behind the block away."""
     profile = site.profile
-    n = last_of(profile)
+    n = profile.n[0]
     first = 0
-    while first < n - 1 and profile[first + 1].x < state.x - BEHIND * block.a:
+    while first < n - 1 and profile.rows[first + 1].x < state.x - BEHIND * block.a:
         first += 1
     for i in range(first, n + 1):
-        profile[i - first] = profile[i]
-    profile[0].last = n - first
+        profile.rows[i - first] = profile.rows[i]
+    profile.n[0] = n - first
     state.plane_at = max(state.plane_at - first, 0)
     state.segment = max(state.segment - first, 0)
     if state.skip_to >= 0:
         state.skip_to = max(state.skip_to - first, -1)
     stretches = site.stretches
-    n = last_of(stretches)
+    n = stretches.n[0]
     begin = 0
-    while begin < n - 1 and stretches[begin + 1].start <= state.x:
+    while begin < n - 1 and stretches.rows[begin + 1].start <= state.x:
         begin += 1
     for i in range(begin, n + 1):
-        stretches[i - begin] = stretches[i]
-        stretches[i - begin].segment -= first
-    stretches[0].last = n - begin
+        stretches.rows[i - begin] = stretches.rows[i]
+        stretches.rows[i - begin].segment -= first
+    stretches.n[0] = n - begin
     state.stretch = max(state.stretch - begin, 0)
 
 
@@ -599,45 +597,45 @@ def _keep_crossings(state: Record, site: Site) -> None:
     crossings = site.crossings
     near = _SAME_CROSSING_M
     kept = 0
-    for i in range(last_of(crossings)):
-        if state.lines_from - near <= crossings[i].x <= state.x + near:
-            crossings[kept] = crossings[i]
+    for i in range(crossings.n[0]):
+        if state.lines_from - near <= crossings.rows[i].x <= state.x + near:
+            crossings.rows[kept] = crossings.rows[i]
             kept += 1
-    crossings[0].last = kept
+    crossings.n[0] = kept
 
 
 @lean
 def _add_crossing(site: Site, path: Path, number: int, x: float) -> None:
     """Add a crossing at a chainage (m), in their order, unless it is there already."""
     crossings = site.crossings
-    n = last_of(crossings)
-    if n + 1 >= crossings.size:
+    n = crossings.n[0]
+    if n + 1 >= crossings.rows.size:
         return
     for i in range(n):
-        if crossings[i].number == number and abs(crossings[i].x - x) < _SAME_CROSSING_M:
+        if crossings.rows[i].number == number and abs(crossings.rows[i].x - x) < _SAME_CROSSING_M:
             return
     profile = site.profile
-    j = last_of(profile) - 1
-    while j > 0 and profile[j].x > x:
+    j = profile.n[0] - 1
+    while j > 0 and profile.rows[j].x > x:
         j -= 1
     at = n
-    while at > 0 and crossings[at - 1].x > x:
-        crossings[at] = crossings[at - 1]
+    while at > 0 and crossings.rows[at - 1].x > x:
+        crossings.rows[at] = crossings.rows[at - 1]
         at -= 1
-    row = crossings[at]
+    row = crossings.rows[at]
     row.x = x
-    row.z = profile[j].z + (x - profile[j].x) * profile[j].tz / profile[j].tx
-    row.kind = path.line_kind[number]
-    row.height = path.line_height[number]
-    row.capacity = path.line_capacity[number]
+    row.z = profile.rows[j].z + (x - profile.rows[j].x) * profile.rows[j].tz / profile.rows[j].tx
+    row.kind = path.lines.kind[number]
+    row.height = path.lines.height[number]
+    row.capacity = path.lines.capacity[number]
     row.number = number
     row.seen = path.line_seen[number]
-    crossings[0].last = n + 1
+    crossings.n[0] = n + 1
 
 
 @inlined
 def note_passages(site: Site, path: Path) -> None:
     """Remember the stations and barriers that the block has passed."""
-    for i in range(last_of(site.crossings)):
-        if site.crossings[i].seen:
-            path.line_seen[site.crossings[i].number] = True
+    for i in range(site.crossings.n[0]):
+        if site.crossings.rows[i].seen:
+            path.line_seen[site.crossings.rows[i].number] = True

@@ -7,7 +7,7 @@ import math
 from sassgis.compiled.jit import fused, lean
 from sassgis.engine.contact import is_convex
 from sassgis.engine.ground_ahead import BEHIND, Path, add_vertex, place, terrain_height
-from sassgis.engine.rows import Record, Records, last_of
+from sassgis.engine.rows import Record, Table
 from sassgis.engine.state import Block, Site
 
 # Of the profile before so much is kept, in longest semi-axes, and so many vertices are sampled.
@@ -41,51 +41,51 @@ def keep_behind(state: Record, block: Block, site: Site, at: int, back: bool, ri
         How many vertices are kept, the last of them where the plane begins.
     """
     profile = site.profile
-    n = last_of(profile)
+    n = profile.n[0]
+    far = _KEPT_BEHIND * block.a
     kept = 0
     if back:
         if at + 1 >= n or is_convex(profile, at + 1):
             return 0
-        while at + 1 + kept < n and profile[at + 1 + kept].x < state.x + _KEPT_BEHIND * block.a:
+        while at + 1 + kept < n and profile.rows[at + 1 + kept].x < state.x + far:
             kept += 1
         first = at + 1
-        outer = profile[at + kept]
+        outer = profile.rows[at + kept]
     else:
         if at == 0 or is_convex(profile, at):
             return 0
-        while at - kept > 0 and profile[at - kept].x > state.x - _KEPT_BEHIND * block.a:
+        while at - kept > 0 and profile.rows[at - kept].x > state.x - far:
             kept += 1
         first = at - kept + 1
-        outer = profile[first - 1]
-    here = profile[at]
+        outer = profile.rows[first - 1]
+    here = profile.rows[at]
     slope = here.tz / here.tx
     outer_slope = outer.tz / outer.tx
-    far = _KEPT_BEHIND * block.a
     end_x = state.x + far if back else state.x - far
     wall = outer.z - here.z + outer_slope * (end_x - outer.x) - slope * (end_x - here.x)
     for j in range(first, first + kept):
-        wall = max(wall, profile[j].z - here.z - slope * (profile[j].x - here.x))
+        wall = max(wall, profile.rows[j].z - here.z - slope * (profile.rows[j].x - here.x))
     if kept == 0 or wall < _LEAST_WALL * block.b:
         return 0
     outer_ground = outer.ground
     if back:
         outer_slope = -outer_slope
         _mirror_vertices(profile, first, kept, state.x)
-    start = profile[0]
+    start = profile.rows[0]
     start_x = state.x - BEHIND * block.a
-    start_z = profile[first].z + outer_slope * (start_x - profile[first].x)
+    start_z = profile.rows[first].z + outer_slope * (start_x - profile.rows[first].x)
     # The rows before ``first`` are free, and row i is read before it is written.
     for i in range(1, kept + 1):
-        x = profile[first + i - 1].x
-        z = profile[first + i - 1].z + rise * (x - state.x)
-        ground = profile[first + i - 1].ground
+        x = profile.rows[first + i - 1].x
+        z = profile.rows[first + i - 1].z + rise * (x - state.x)
+        ground = profile.rows[first + i - 1].ground
         if i == 1:
             start.x = start_x
             start.z = start_z + rise * (start_x - state.x)
             start.ground = outer_ground
-            start.last = 0
+            profile.n[0] = 0
         add_vertex(site, x, z)
-        profile[i].ground = ground
+        profile.rows[i].ground = ground
     return kept
 
 
@@ -110,25 +110,25 @@ def sample_behind(
         known = on_plane if math.isnan(known) else max(known, on_plane)
         wall = max(wall, known - on_plane)
         if i == 0:
-            profile[0].x = x - BEHIND * block.a
-            profile[0].z = known
-            profile[0].ground = ground
-            profile[0].last = 0
+            profile.rows[0].x = x - BEHIND * block.a
+            profile.rows[0].z = known
+            profile.rows[0].ground = ground
+            profile.n[0] = 0
         add_vertex(site, x, known)
-        profile[i + 1].ground = ground
+        profile.rows[i + 1].ground = ground
     return count if wall >= _LEAST_WALL * block.b else 0
 
 
 @fused
-def _mirror_vertices(profile: Records, first: int, count: int, x: float) -> None:
+def _mirror_vertices(profile: Table, first: int, count: int, x: float) -> None:
     """Turn some vertices about a chainage (m), and the segments between them and before them."""
     for j in range(first + count - 1, first - 1, -1):
-        profile[j].ground = profile[j - 1].ground
+        profile.rows[j].ground = profile.rows[j - 1].ground
     for i in range(count):
-        profile[first + i].x = 2.0 * x - profile[first + i].x
+        profile.rows[first + i].x = 2.0 * x - profile.rows[first + i].x
     for i in range(count // 2):
-        here = profile[first + i]
-        there = profile[first + count - 1 - i]
+        here = profile.rows[first + i]
+        there = profile.rows[first + count - 1 - i]
         here.x, there.x = there.x, here.x
         here.z, there.z = there.z, here.z
         here.ground, there.ground = there.ground, here.ground

@@ -34,7 +34,7 @@ from sassgis.engine.rolling import (
     rolling_friction,
     rolling_stretch,
 )
-from sassgis.engine.rows import Record, last_of
+from sassgis.engine.rows import Record
 from sassgis.engine.state import (
     FLIGHT,
     IMPACT,
@@ -85,7 +85,7 @@ def _tip(state: Record, block: Block, site: Site, gravity: float, down: float) -
     more than the friction of sliding, which then is less than that of rolling. -1 once it rolls.
     """
     profile = site.profile
-    here = profile[state.segment]
+    here = profile.rows[state.segment]
     ground = site.grounds[here.ground]
     radius = block.roll_radius
     u = min(max(along(profile, state.segment, state.x, state.z), 0.0), here.length)
@@ -115,7 +115,7 @@ def _tip(state: Record, block: Block, site: Site, gravity: float, down: float) -
 @inlined
 def _friction(state: Record, block: Block, site: Site) -> float:
     """Return the friction on the segment under a block that rolls or slides."""
-    ground = site.grounds[site.profile[state.segment].ground]
+    ground = site.grounds[site.profile.rows[state.segment].ground]
     if state.phase == ROLLING:
         return rolling_friction(block, ground)
     return float(ground.mu_f)
@@ -137,7 +137,7 @@ def _look_ahead(
     ``tips_at`` the speed at which it tips over (m/s).
     """
     profile = site.profile
-    here = profile[state.segment]
+    here = profile.rows[state.segment]
     direction = state.direction
     ux = here.tx
     uz = here.tz
@@ -174,7 +174,7 @@ def _look_ahead(
     # A next segment that does not rise can only be met at the end of this one.
     after = state.segment + direction
     passed = state.segment
-    if 0 <= after < last_of(profile) and turn(profile, state.segment, direction) > -STRAIGHT:
+    if 0 <= after < profile.n[0] and turn(profile, state.segment, direction) > -STRAIGHT:
         passed = after
     moved = Flying(
         state.x, state.z, direction * ux, direction * uz, state.theta, 0.0, wide, narrow, 0.0
@@ -186,8 +186,8 @@ def _look_ahead(
         state.nx = contact.nx
         state.nz = contact.nz
     x_end = state.x + direction * ux * length
-    first = profile[0].x
-    last = profile[last_of(profile)].x
+    first = profile.rows[0].x
+    last = profile.rows[profile.n[0]].x
     if x_end > last or x_end < first:
         end_x = last if direction > 0 else first
         length = min(max((end_x - state.x) / (direction * ux), 0.0), length)
@@ -211,7 +211,7 @@ def _advance(
 
     ``pull`` is its acceleration at the start (m/s²), ``fade`` how that falls (1/m).
     """
-    here = site.profile[state.segment]
+    here = site.profile.rows[state.segment]
     direction = state.direction
     v2, dv2 = stretch.speed2, stretch.gain
     spin2, dspin2 = stretch.spin2, stretch.spin_gain
@@ -249,7 +249,7 @@ def ground_motion(
     effects: hooks.Effects | None,
 ) -> None:
     """Roll or slide along a segment until something else begins."""
-    here = site.profile[state.segment]
+    here = site.profile.rows[state.segment]
     ux = here.tx
     uz = here.tz
     g = physics.gravity
@@ -288,14 +288,14 @@ def ground_motion(
         gain = hooks.gain_over(effects, state, block, gained(own_pull, own_fade, length), length)
     stretch = _gains(state, block, x_end, gain, length, fade, mu * g * ux)
     barrier = no_meeting()
-    if last_of(site.crossings) > 0:
+    if site.crossings.n[0] > 0:
         barrier = control_lines_on_ground(
             state, block, site, output, stretch, direction * ux, direction * uz
         )
     at_barrier = barrier.line >= 0
     if at_barrier:
         length *= barrier.when
-        stretch = up_to(stretch, site.crossings[barrier.line].x, barrier.when)
+        stretch = up_to(stretch, site.crossings.rows[barrier.line].x, barrier.when)
     _advance(state, block, site, output, stretch, length, pull, fade)
     if at_barrier:
         state.x = stretch.x_end
@@ -355,7 +355,7 @@ def _go_on(state: Record, block: Block, site: Site, physics: Physics, ahead: Ahe
         _lift_off(state, block, site, physics.gravity, ahead.lift)
     elif what == SEGMENT_END:
         after = state.segment + state.direction
-        if after < 0 or after >= last_of(site.profile):
+        if after < 0 or after >= site.profile.n[0]:
             end(state, LEFT_PROFILE)
             return
         if turn(site.profile, state.segment, state.direction) > STRAIGHT:
@@ -367,7 +367,7 @@ def _go_on(state: Record, block: Block, site: Site, physics: Physics, ahead: Ahe
 @lean
 def _lift_off(state: Record, block: Block, site: Site, gravity: float, lift: float) -> None:
     """Let a rolling ellipse leave the ground where the normal force on it ends."""
-    here = site.profile[state.segment]
+    here = site.profile.rows[state.segment]
     ux = here.tx
     uz = here.tz
     direction = state.direction

@@ -41,7 +41,7 @@ from sassgis.engine.ground_ahead import (
 )
 from sassgis.engine.ground_behind import keep_behind, sample_behind
 from sassgis.engine.profile import segment_at
-from sassgis.engine.rows import Record, last_of
+from sassgis.engine.rows import Record, Table
 from sassgis.engine.state import (
     END,
     FLIGHT,
@@ -51,7 +51,6 @@ from sassgis.engine.state import (
     Block,
     Physics,
     Site,
-    Spawned,
     end,
 )
 from sassgis.terrain.cell_geometry import exact, height_at
@@ -111,7 +110,7 @@ def _clear_path(
     state.drift_cos, state.drift_sin = cos_sin(state.drift)
     state.turn = 0.0
     state.phase = IMPACT
-    site.crossings[0].last = 0
+    site.crossings.n[0] = 0
     for i in range(path.line_seen.size):
         path.line_seen[i] = False
 
@@ -211,7 +210,7 @@ def turn_heading(
         Whether it is; else both are 0, and the plane stays as steep.
     """
     at = segment_at(site.profile, state.x, state.segment)
-    here = site.profile[at]
+    here = site.profile.rows[at]
     slope = here.tz / here.tx
     z0 = here.z + (state.x - here.x) * slope
     ground = here.ground
@@ -253,7 +252,7 @@ def turn_heading(
             # No block rises without energy: the ground gives way.
             z0 -= raised - paid
             for i in range(behind + 1):
-                site.profile[i].z -= raised - paid
+                site.profile.rows[i].z -= raised - paid
             begin_profile(state, block, site, path, z0, after, ground, gravity, behind)
     elif raised < 0.0 and state.phase != FLIGHT:
         # It lay on walls that are not in its way any more: it falls.
@@ -353,7 +352,7 @@ def after_impact(
     gu, gv, known = gradient(path, u, v, block.radius)
     angle = state.turn
     state.turn = 0.0
-    here = site.profile[state.segment]
+    here = site.profile.rows[state.segment]
     if state.phase == FLIGHT:
         off = state.vx * state.nx + state.vz * state.nz
         ahead = state.vx
@@ -421,7 +420,7 @@ def before_ground(
             angle = descent
             state.turn = angle
     elif steep2 > 1e-12:
-        level = state.speed * site.profile[state.segment].tx
+        level = state.speed * site.profile.rows[state.segment].tx
         kappa = _bending(physics.gravity, steep2, level * level)
         step = min(step, max(_BEND_PER_STEP / kappa, _SHORTEST_STEP * block.radius))
         step = _straight_on(state, block, path, gu, gv, step, kappa, abs(descent - angle))
@@ -433,7 +432,7 @@ def before_ground(
         descent = _angle_to(state, gu, gv, path.cell_size)
         if state.phase == FLIGHT:
             return steep2, descent
-    if state.speed <= 0.0 and site.profile[state.segment].tz > 0.0:
+    if state.speed <= 0.0 and site.profile.rows[state.segment].tz > 0.0:
         # In a dip the ground under it rises that way: it would start backwards.
         state.direction = -1
         turn_heading(state, block, site, path, physics.gravity, 0.0, gu, gv, known)
@@ -541,7 +540,7 @@ def stays_on_known(state: Record, site: Site) -> None:
     """End a block that has come over the edge of the known terrain; it lies before the edge."""
     if state.open:
         return
-    edge = site.profile[last_of(site.profile)].x
+    edge = site.profile.rows[site.profile.n[0]].x
     if state.x > edge and state.phase != END:
         end(state, LEFT_PROFILE)
     if state.phase == END:
@@ -563,9 +562,9 @@ def wedged(state: Record) -> bool:
 
 
 @inlined
-def place_spawned(state: Record, spawned: Spawned, before: int) -> None:
+def place_spawned(state: Record, spawned: Table, before: int) -> None:
     """Write where the blocks are that an impact has spawned, from number ``before`` on."""
-    for i in range(before, min(spawned.filled[0], spawned.rows.size)):
+    for i in range(before, min(spawned.n[0], spawned.rows.size)):
         row = spawned.rows[i]
         row.u, row.v = place(state, row.x)
         row.du = state.du

@@ -13,7 +13,7 @@ from sassgis.engine.ellipse import cos_sin, frame_of
 from sassgis.engine.impact import RESTITUTION, impact, normal_force, soft_landing
 from sassgis.engine.profile import along, foot_segment
 from sassgis.engine.rolling import growth, rolling_friction
-from sassgis.engine.rows import Record, Records
+from sassgis.engine.rows import Record, Records, Table
 from sassgis.engine.state import (
     BROKEN,
     FLIGHT,
@@ -72,7 +72,7 @@ def _varied_normal(state: Record, block: Block, site: Site, vt: float) -> tuple[
     """
     nx = state.nx
     nz = state.nz
-    here = site.profile[state.segment]
+    here = site.profile.rows[state.segment]
     on_segment = abs(nx + here.tz) + abs(nz - here.tx) < 1e-9
     if not (on_segment and vt * -nx < 0.0):
         return nx, nz
@@ -126,7 +126,7 @@ def _rebound(
         Radius of the circle as which the block is met (m), 0 for the ellipse.
     """
     state.impacts += 1
-    here = site.profile[state.segment]
+    here = site.profile.rows[state.segment]
     ground = site.grounds[here.ground]
     mx = state.nx
     mz = state.nz
@@ -201,7 +201,7 @@ def land(
     if soft:
         resistance = 0.0
         if physics.eta_rule == RESTITUTION:
-            ground = site.grounds[site.profile[state.segment].ground]
+            ground = site.grounds[site.profile.rows[state.segment].ground]
             resistance = _resistance(block, ground, vt, growth(block, ground, physics))
         wt, wn, omega = soft_landing(lever, support, block.inertia, vt, vn, state.omega, resistance)
         state.omega = omega
@@ -246,14 +246,14 @@ def land(
 @lean
 def _soft_speed2(state: Record, block: Block, site: Site, gravity: float, nz: float) -> float:
     """Return the squared normal speed below which a segment is reached softly (m²/s²)."""
-    threshold = site.grounds[site.profile[state.segment].ground].rolling_threshold
+    threshold = site.grounds[site.profile.rows[state.segment].ground].rolling_threshold
     return float(2.0 * gravity * nz * threshold * block.radius)
 
 
 @lean
 def _recedes(state: Record, block: Block, site: Site, gravity: float) -> bool:
     """Return whether a block leaves the segment of its motion, as beyond a convex edge."""
-    here = site.profile[state.segment]
+    here = site.profile.rows[state.segment]
     away = state.vz * here.tx - state.vx * here.tz
     low = _soft_speed2(state, block, site, gravity, here.tx)
     return bool(away > 1e-9 * abs(state.vx) and away * away >= low)
@@ -313,7 +313,7 @@ def _settle(state: Record, block: Block, site: Site, gravity: float, velocity: V
     energy = 0.5 * (wt * wt + wn * wn + block.inertia * omega * omega)
     direction = state.direction
     segment = state.segment
-    here = profile[segment]
+    here = profile.rows[segment]
     u = min(max(along(profile, segment, state.x, state.z), 0.0), here.length)
     foot_x = here.x + u * here.tx
     foot_z = here.z + u * here.tz
@@ -332,10 +332,10 @@ def _settle(state: Record, block: Block, site: Site, gravity: float, velocity: V
 
 @lean
 def rolling_place(
-    profile: Records, segment: int, foot_x: float, foot_z: float, radius: float
+    profile: Table, segment: int, foot_x: float, foot_z: float, radius: float
 ) -> tuple[float, float]:
     """Find the centre of a block that rolls as a circle over a foot with nothing in the way."""
-    here = profile[segment]
+    here = profile.rows[segment]
     x = foot_x - radius * here.tz
     z = foot_z + radius * here.tx
     return x, max(z, resting_height(x, 0.0, radius, radius, profile, segment))
@@ -346,7 +346,7 @@ def _slide_or_rest(
     state: Record,
     block: Block,
     grounds: Records,
-    profile: Records,
+    profile: Table,
     gravity: float,
     wt: float,
     foot_x: float,
@@ -356,7 +356,7 @@ def _slide_or_rest(
 
     One that would have to rise first, and has not the energy, is wedged.
     """
-    here = profile[state.segment]
+    here = profile.rows[state.segment]
     ct, st = cos_sin(state.theta)
     _, support, _ = frame_of(
         block.a, block.b, st * here.tx - ct * here.tz, ct * here.tx + st * here.tz

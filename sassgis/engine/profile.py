@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from sassgis.compiled.jit import inlined, kernel, lean
 from sassgis.engine.recording import STRETCH_DTYPE
-from sassgis.engine.rows import Records, last_of
+from sassgis.engine.rows import Table
 from sassgis.engine.state import BARRIER, VERTEX_DTYPE
 from sassgis.grid import FloatArray, IntArray
 
@@ -22,23 +22,14 @@ STRAIGHT = 1e-9
 
 
 @kernel
-def profile_of(s: FloatArray, z: FloatArray, ground: NDArray[np.int32]) -> Records:
-    """Return the segments between vertices.
+def profile_of(s: FloatArray, z: FloatArray, ground: NDArray[np.int32]) -> Table:
+    """Return the segments between vertices (VERTEX_DTYPE).
 
-    Parameters
-    ----------
-    s, z : float64, shape (n,)
-        Chainage, rising, and height (m).
-    ground : int32, shape (n,)
-        Position in the ground table of the segment that starts at the vertex.
-
-    Returns
-    -------
-    VERTEX_DTYPE, shape (n,)
+    Chainage ``s`` (m) rises; ``ground`` is the position in the ground table of the segment that
+    starts at the vertex.
     """
     n = s.size
     rows = np.zeros(n, VERTEX_DTYPE)
-    rows[0].last = n - 1
     for i in range(n):
         row = rows[i]
         row.x = s[i]
@@ -53,7 +44,7 @@ def profile_of(s: FloatArray, z: FloatArray, ground: NDArray[np.int32]) -> Recor
         row.tz = dz / length
         row.angle = math.nan
         row.ground = ground[i]
-    return rows
+    return Table(rows, np.full(1, n - 1, np.int64))
 
 
 @kernel
@@ -90,30 +81,21 @@ def without_straight_vertices(
 
 @kernel
 def stretches_of(
-    cell_s: FloatArray,
-    cell: IntArray,
-    stems: FloatArray,
-    diameter: FloatArray,
-    on_map: FloatArray,
-    s: FloatArray,
-) -> Records:
-    """Return stretches of cells, cut at the vertices.
+    cell_s: FloatArray, cell: IntArray, stems: FloatArray, diameter: FloatArray,
+    on_map: FloatArray, s: FloatArray,
+) -> Table:  # fmt: skip
+    """Return stretches of cells, cut at the vertices (STRETCH_DTYPE).
 
     Parameters
     ----------
     cell_s : float64, shape (n_cells + 1,)
         Borders of the cells along the profile (m).
-    cell : int64, shape (n_cells,)
     stems, diameter : float64, shape (n_cells,)
         Stems per square metre and their diameter at breast height (m).
     on_map : float64, shape (n_cells + 1, 2)
         Borders of the cells on the map: u, v.
     s : float64, shape (n,)
         Chainage of the vertices (m).
-
-    Returns
-    -------
-    STRETCH_DTYPE, shape (n_stretches + 1,)
     """
     rows = np.zeros(cell.size + s.size + 2, STRETCH_DTYPE)
     i = 0
@@ -144,57 +126,56 @@ def stretches_of(
         n = 1
         here = s[n_segments]
     rows[n].start = here
-    rows[0].last = n
     rows[n].u = on_map[cell.size, 0]
     rows[n].v = on_map[cell.size, 1]
-    return rows[: n + 1]
+    return Table(rows, np.full(1, n, np.int64))
 
 
 @lean
-def segment_at(profile: Records, x: float, near: int) -> int:
+def segment_at(profile: Table, x: float, near: int) -> int:
     """Return the segment under chainage x."""
     j = near
-    n = last_of(profile)
-    while j > 0 and profile[j].x > x:
+    n = profile.n[0]
+    while j > 0 and profile.rows[j].x > x:
         j -= 1
-    while j < n - 1 and profile[j + 1].x < x:
+    while j < n - 1 and profile.rows[j + 1].x < x:
         j += 1
     return j
 
 
 @inlined
-def angle_of(profile: Records, j: int) -> float:
+def angle_of(profile: Table, j: int) -> float:
     """Return the angle of segment j to the horizontal, positive if it rises (rad)."""
-    here = profile[j]
+    here = profile.rows[j]
     if math.isnan(here.angle):
-        after = profile[j + 1]
+        after = profile.rows[j + 1]
         here.angle = math.atan2(after.z - here.z, after.x - here.x)
     return float(here.angle)
 
 
 @lean
-def along(profile: Records, j: int, x: float, z: float) -> float:
+def along(profile: Table, j: int, x: float, z: float) -> float:
     """Return the distance of a point along segment j from its start (m)."""
-    row = profile[j]
+    row = profile.rows[j]
     return float((x - row.x) * row.tx + (z - row.z) * row.tz)
 
 
 @lean
-def turn(profile: Records, j: int, direction: int) -> float:
+def turn(profile: Table, j: int, direction: int) -> float:
     """Return the sine of the turn from segment j to the next in a direction; above 0: convex."""
-    here = profile[j]
-    after = profile[j + direction]
+    here = profile.rows[j]
+    after = profile.rows[j + direction]
     cross = here.tx * after.tz - here.tz * after.tx
     return float(-direction * cross)
 
 
 @lean
-def foot_segment(profile: Records, j: int, x: float, z: float, direction: int) -> int:
+def foot_segment(profile: Table, j: int, x: float, z: float, direction: int) -> int:
     """Return the segment along which a block that touches segment j moves on in a direction."""
-    n = last_of(profile)
+    n = profile.n[0]
     while True:
         u = along(profile, j, x, z)
-        if direction > 0 and u >= profile[j].length - _PAST and j < n - 1:
+        if direction > 0 and u >= profile.rows[j].length - _PAST and j < n - 1:
             j += 1
         elif direction < 0 and u <= _PAST and j > 0:
             j -= 1
@@ -207,7 +188,7 @@ def foot_segment(profile: Records, j: int, x: float, z: float, direction: int) -
             j -= 1
         elif (
             direction < 0
-            and u > profile[j].length
+            and u > profile.rows[j].length
             and j < n - 1
             and abs(turn(profile, j, 1)) < STRAIGHT
         ):
@@ -217,41 +198,41 @@ def foot_segment(profile: Records, j: int, x: float, z: float, direction: int) -
 
 
 @lean
-def stretch_from(stretches: Records, i: int, x: float) -> int:
+def stretch_from(stretches: Table, i: int, x: float) -> int:
     """Return the stretch under chainage x, looking ahead from stretch i."""
-    while i < last_of(stretches) - 1 and stretches[i + 1].start < x:
+    while i < stretches.n[0] - 1 and stretches.rows[i + 1].start < x:
         i += 1
     return i
 
 
 @lean
-def to_cell_border(stretches: Records, i: int, x: float, direction: int) -> tuple[int, float]:
+def to_cell_border(stretches: Table, i: int, x: float, direction: int) -> tuple[int, float]:
     """Find the stretch ahead of a block in a direction, and the distance to its border (m)."""
-    n = last_of(stretches)
-    while direction > 0 and i < n - 1 and stretches[i + 1].start <= x + _PAST:
+    n = stretches.n[0]
+    while direction > 0 and i < n - 1 and stretches.rows[i + 1].start <= x + _PAST:
         i += 1
-    while direction < 0 and i > 0 and stretches[i].start >= x - _PAST:
+    while direction < 0 and i > 0 and stretches.rows[i].start >= x - _PAST:
         i -= 1
-    gap = stretches[i + 1].start - x if direction > 0 else x - stretches[i].start
+    gap = stretches.rows[i + 1].start - x if direction > 0 else x - stretches.rows[i].start
     return i, max(gap, _PAST)
 
 
 @lean
-def last_stretch(profile: Records, stretches: Records, reason: int, x: float, start: float) -> int:
+def last_stretch(profile: Table, stretches: Table, reason: int, x: float, start: float) -> int:
     """Return the stretch in which a block ends; -1 outside."""
-    if x < profile[0].x or x > profile[last_of(profile)].x:
+    if x < profile.rows[0].x or x > profile.rows[profile.n[0]].x:
         return -1
     # The last stretch that starts at or before x.
     low = 0
-    high = last_of(stretches) + 1
+    high = stretches.n[0] + 1
     while low < high:
         middle = (low + high) // 2
-        if stretches[middle].start <= x:
+        if stretches.rows[middle].start <= x:
             low = middle + 1
         else:
             high = middle
     k = low - 1
     # A block that a wall holds lies in front of it, also on the border of a cell.
-    if reason == BARRIER and k > 0 and stretches[k].start >= x > start:
+    if reason == BARRIER and k > 0 and stretches.rows[k].start >= x > start:
         k -= 1
-    return int(min(max(k, 0), last_of(stretches) - 1))
+    return int(min(max(k, 0), stretches.n[0] - 1))

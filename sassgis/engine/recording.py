@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from sassgis.compiled.jit import lean
 from sassgis.engine.resistance import share_gained, time_over
-from sassgis.engine.rows import last_of, record_type
+from sassgis.engine.rows import Table, record_type
 from sassgis.settings.statistics_table import QUANTITIES
 
 #: Columns of what is recorded: energy per unit mass (J/kg), -1 where the block has not been; height
@@ -31,7 +31,6 @@ STRETCH_DTYPE = record_type(
     ("segment", np.int64),
     ("stems", np.float64),  # of the forest there, per m²
     ("diameter", np.float64),  # of the stems at breast height (m)
-    ("last", np.int64),  # of the first row: position of the end of the last stretch
     ("u", np.float64),  # of the start on the map: columns from the west edge of the grid
     ("v", np.float64),  # rows from its north edge
 )
@@ -86,21 +85,21 @@ def _raise(
 
 
 @lean
-def stretch_at(stretches: NDArray[np.void], x: float, near: int) -> int:
+def stretch_at(stretches: Table, x: float, near: int) -> int:
     """Return the stretch under chainage x."""
     i = near
-    while i > 0 and stretches[i].start > x:
+    while i > 0 and stretches.rows[i].start > x:
         i -= 1
-    while i < last_of(stretches) - 1 and stretches[i + 1].start < x:
+    while i < stretches.n[0] - 1 and stretches.rows[i + 1].start < x:
         i += 1
     return i
 
 
 @lean
-def _on_map(stretches: NDArray[np.void], i: int, x: float) -> tuple[float, float]:
+def _on_map(stretches: Table, i: int, x: float) -> tuple[float, float]:
     """Return the place on the map (u, v) of chainage x in stretch i, which is straight there."""
-    here = stretches[i]
-    after = stretches[i + 1]
+    here = stretches.rows[i]
+    after = stretches.rows[i + 1]
     length = after.start - here.start
     share = min(max((x - here.start) / length, 0.0), 1.0) if length > 0.0 else 0.0
     return here.u + share * (after.u - here.u), here.v + share * (after.v - here.v)
@@ -108,7 +107,7 @@ def _on_map(stretches: NDArray[np.void], i: int, x: float) -> tuple[float, float
 
 @lean
 def _pass(
-    stretches: NDArray[np.void],
+    stretches: Table,
     work: CellWork,
     i: int,
     step: int,
@@ -123,9 +122,9 @@ def _pass(
     Within a cell the path is taken as straight between the ends that are kept: those farthest from
     each other, where it turns back.
     """
-    ahead = stretches[i + 1] if step > 0 else stretches[i]
+    ahead = stretches.rows[i + 1] if step > 0 else stretches.rows[i]
     u_end, v_end = _on_map(stretches, i, x_end) if inside else (ahead.u, ahead.v)
-    cell = stretches[i].cell
+    cell = stretches.rows[i].cell
     if cell < 0:
         return u_end, v_end
     chord = work.chord[cell]
@@ -147,7 +146,7 @@ def _pass(
 
 @lean
 def record_flight(
-    stretches: NDArray[np.void],
+    stretches: Table,
     work: CellWork,
     n_touched: int,
     i: int,
@@ -160,7 +159,7 @@ def record_flight(
     until: float,
     t: float,
     rest: float,
-    profile: NDArray[np.void],
+    profile: Table,
 ) -> tuple[int, int, float]:
     """Record the cells under a flight.
 
@@ -184,7 +183,7 @@ def record_flight(
     top : float
         Greatest passing height (m).
     """
-    n = last_of(stretches)
+    n = stretches.n[0]
     i = stretch_at(stretches, x, i)
     x_end = x + vx * until
     per_vx = 1.0 / vx if vx != 0.0 else 0.0
@@ -199,18 +198,18 @@ def record_flight(
     u, v = _on_map(stretches, i, x) if chords else (0.0, 0.0)
     while True:
         if step > 0:
-            border = stretches[i + 1].start
+            border = stretches.rows[i + 1].start
             inside = border >= x_end or i == n - 1
         else:
-            border = stretches[i].start
+            border = stretches.rows[i].start
             inside = border <= x_end or i == 0
         leave = until if inside else (border - x) * per_vx
         leave = min(max(leave, now), until)
-        j = stretches[i].segment
+        j = stretches.rows[i].segment
         if j != segment:
             # Height above this segment: above + lift t − gravity t²/2.
             segment = j
-            here = profile[j]
+            here = profile.rows[j]
             slope = here.tz / here.tx
             above = z - here.z - slope * (x - here.x)
             clear = rest / here.tx
@@ -226,7 +225,7 @@ def record_flight(
             high = max(high, above + 0.5 * lift * apex)
         high = max(high - clear, 0.0)
         top = max(top, high)
-        cell = stretches[i].cell
+        cell = stretches.rows[i].cell
         n_before = n_touched
         if cell >= 0:
             speed2 = vx * vx + max(before, after)
@@ -245,13 +244,13 @@ def record_flight(
 
 @lean
 def record_stop(
-    stretches: NDArray[np.void], work: CellWork, n_touched: int, i: int, x: float, t: float
+    stretches: Table, work: CellWork, n_touched: int, i: int, x: float, t: float
 ) -> int:
     """Record the cell of stretch i, where a block comes to rest; returns the cells touched.
 
     A block that lands softly is put where it rolls or slides: no path leads into that cell.
     """
-    cell = stretches[i].cell
+    cell = stretches.rows[i].cell
     if work.peak[cell, ENERGY] >= 0.0:
         return n_touched
     if work.chord.shape[0] > 0:
@@ -263,7 +262,7 @@ def record_stop(
 
 @lean
 def record_ground(
-    stretches: NDArray[np.void],
+    stretches: Table,
     work: CellWork,
     n_touched: int,
     i: int,
@@ -298,7 +297,7 @@ def record_ground(
     steady, fade : float
         Acceleration without speed (m/s²) and how it falls (1/m), as in resistance.py.
     """
-    n = last_of(stretches)
+    n = stretches.n[0]
     i = stretch_at(stretches, x, i)
     step = 1 if x_end >= x else -1
     done = gone = 0.0
@@ -307,16 +306,16 @@ def record_ground(
     u, v = _on_map(stretches, i, x) if chords else (0.0, 0.0)
     while True:
         if step > 0:
-            border = stretches[i + 1].start
+            border = stretches.rows[i + 1].start
             inside = border >= x_end or i == n - 1
         else:
-            border = stretches[i].start
+            border = stretches.rows[i].start
             inside = border <= x_end or i == 0
         way = share = 1.0
         if not inside and chord > 0.0:
             way = min(max(abs(border - x) / chord, gone), 1.0)
             share = share_gained(way, fading)
-        cell = stretches[i].cell
+        cell = stretches.rows[i].cell
         n_before = n_touched
         if cell >= 0:
             fast = max(v2 + dv2 * done, v2 + dv2 * share)

@@ -1,20 +1,25 @@
-"""Rows whose number is not that of their array: a path that is followed has room for more.
-
-The first row says how many of them hold.
-"""
+"""Rows of structured arrays, as numba and plain Python both know them."""
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from sassgis.compiled.jit import inlined
-
-#: A row of a structured array, as numba and plain Python both know it.
+#: A row of a structured array.
 Record = Any
 Records = NDArray[np.void]
+
+
+class Table(NamedTuple):
+    """Rows of which only the first hold: a path that is followed has room for more.
+
+    Of profiles and stretches of cells the segments are counted: one more row ends the last of them.
+    """
+
+    rows: Records
+    n: NDArray[np.int64]  # (1,) how many of them hold
 
 
 def record_type(*fields: tuple[str, Any]) -> np.dtype[np.void]:
@@ -22,10 +27,6 @@ def record_type(*fields: tuple[str, Any]) -> np.dtype[np.void]:
     return np.dtype((np.record, list(fields)))
 
 
-@inlined
-def last_of(rows: Records) -> int:
-    """Return the position of the last vertex, or of the end of the last stretch.
-
-    For crossings it is their number.
-    """
-    return int(rows[0].last)
+def empty_table(n: int, dtype: np.dtype[np.void]) -> Table:
+    """Make an empty table with room for ``n`` rows."""
+    return Table(np.zeros(n, dtype), np.zeros(1, np.int64))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any
@@ -15,36 +15,33 @@ from sassgis.engine import impact as impact_rules
 from sassgis.engine.effects.hooks import ground_of, most_spawned, prepare
 from sassgis.engine.effects.spawning import MOST_SPAWNED
 from sassgis.engine.ellipse import outlined
+from sassgis.engine.ground_ahead import Path
 from sassgis.engine.kernel import (
+    DONE,
+    MANY_CELLS,
     MANY_VISITS,
     NO_ROOM,
-    TOO_MANY_SPAWNED,
-    ControlLineTable,
     Lines,
-    Places,
     Rows,
     Setup,
-    Totals,
-    Windows,
+    Strata,
     Work,
-    simulate_lines,
+    simulate_strata,
     working_space,
 )
+from sassgis.engine.rows import empty_table
 from sassgis.engine.state import EVENT_DTYPE, Physics
 from sassgis.engine.statistics import (
     VISITS,
-    CellSums,
     Disks,
     Exceedance,
     Objects,
+    Totals,
+    Wanted,
     add_visits,
     by_cell,
-    by_name,
     counted,
-    empty_sums,
-    flat_bins,
-    histograms,
-    no_exceedance,
+    empty_totals,
 )
 from sassgis.errors import InputError
 from sassgis.grid import FloatArray, IntArray
@@ -55,7 +52,7 @@ from sassgis.settings.map_run import Forest, ObjectCells, Window
 from sassgis.settings.profiles import ControlLineCrossings, ProfileSet
 from sassgis.settings.results import PASSAGE_DTYPE, ROCK_DTYPE, ControlLine
 from sassgis.settings.settings import EngineSettings
-from sassgis.settings.statistics_table import Bins, default_bins
+from sassgis.settings.statistics_table import Bins, default_bins, sums_by
 
 # The same rows, as the kernel takes them.
 _RECORDS_OF_ROCKS = np.dtype((np.record, ROCK_DTYPE))
@@ -151,12 +148,18 @@ class Simulated:
 def left_in_cells(totals: Totals, work: Work, rows: IntArray) -> dict[str, Any]:
     """Return the records of blocks in some cells, by the names in Simulated."""
     reach = by_threshold(totals.reach, rows)
-    sums = totals.sums
-    kept = by_name(CellSums(sums.stops[rows], sums.values[rows], ()), *reach.values()) | reach
-    bins = histograms(sums)
+    values = totals.values[rows]
+    kept: dict[str, Any] = {
+        "reach": reach["exceed"][:, 0],
+        "reach_square": reach["exceed_square"][:, 0],
+        "stops": totals.stops[rows],
+    }
+    columns = [*sums_by("sum"), *sums_by("max"), *sums_by("min")]
+    kept |= {s.name: values[:, i].astype(s.dtype) for i, s in enumerate(columns)} | reach
+    bins = {s.name: own for s, own in zip(sums_by("histogram"), totals.counts, strict=True)}
     if work.n_visits[1]:
         kept |= {name: own[rows] for name, own in bins.items()}
-    place = np.full(sums.stops.size, -1, np.int32)
+    place = np.full(totals.stops.size, -1, np.int32)
     place[rows] = np.arange(rows.size, dtype=np.int32)
     visits = Visits(by_cell(work.visits[: work.n_visits[0]], place.size), place)
     n_bins = {name: own.shape[1] for name, own in bins.items()}
@@ -170,10 +173,7 @@ def by_threshold(reach: Exceedance, rows: IntArray | None = None) -> dict[str, I
 
 
 def _disks(window: Window | None, cells: IntArray) -> tuple[IntArray, Disks]:
-    """Return the windows that blocks in some cells may meet.
-
-    They are flat indices of their middle, and disks.
-    """
+    """Find the windows that blocks in some cells may meet: their middle cells, and disks."""
     if window is None:
         none = np.empty(0, np.int64)
         nowhere = Objects(np.zeros(cells.size + 1, np.int64), none)
@@ -210,12 +210,8 @@ def _check(profiles: ProfileSet, table: GroundTable) -> None:
 
 
 def _checked_starts(profiles: ProfileSet, starts: FloatArray) -> FloatArray:
-    """Return starting chainages as the kernel takes them.
-
-    Raises InputError where one is off its profile.
-    """
-    # A copy: for an array that may not be written to the whole kernel would be compiled again.
-    starts = np.array(starts, np.float64).reshape(len(profiles), 2)
+    """Return starting chainages; InputError where one is off its profile."""
+    starts = np.reshape(starts, (len(profiles), 2))
     first = profiles.s[profiles.offset[:-1]]
     last = profiles.s[profiles.offset[1:] - 1]
     outside = (starts[:, 0] < first) | (starts[:, 1] > last) | (starts[:, 0] > starts[:, 1])
@@ -237,43 +233,29 @@ def _cells_of(profiles: ProfileSet) -> tuple[IntArray, IntArray]:
     return cells[known], local
 
 
-def control_line_table(lines: Sequence[ControlLine]) -> ControlLineTable:
+def control_line_table(lines: Sequence[ControlLine]) -> control_line_rules.ControlLineTable:
     """Return stations and barriers as the kernel takes them."""
     barrier = {True: control_line_rules.RESTARTS, False: control_line_rules.STOPS}
     rules = [
         control_line_rules.STATION if line.kind == "station" else barrier[line.restarts_from_rest]
         for line in lines
     ]
-    return ControlLineTable(
+    return control_line_rules.ControlLineTable(
         np.array(rules, np.int64),
         np.array([line.height_m for line in lines], np.float64),
         1e3 * np.array([line.capacity_kj for line in lines], np.float64),
     )
 
 
-def _forest_under(profiles: ProfileSet, forest: Forest | None) -> tuple[FloatArray, FloatArray]:
-    """Return stems per square metre and their diameter (m) on each cell of each line."""
-    if forest is None:
-        none = np.zeros(profiles.cell.size)
-        return none, none
-    inside = profiles.cell >= 0
-    return (
-        np.where(inside, forest.stems_per_m2[profiles.cell], 0.0),
-        np.where(inside, forest.diameter_m[profiles.cell], 0.0),
-    )
-
-
 def _lines(
-    profiles: ProfileSet,
-    local: IntArray,
-    forest: Forest | None,
-    crossings: ControlLineCrossings,
-    numbers: IntArray,
-    keys: NDArray[np.uint64],
-    starts: FloatArray,
+    profiles: ProfileSet, local: IntArray, forest: Forest | None, crossings: ControlLineCrossings
 ) -> Lines:
     """Return the profiles as the kernel takes them; ``local`` is the position of each cell."""
-    stems, diameter = _forest_under(profiles, forest)
+    stems = diameter = np.zeros(profiles.cell.size)
+    if forest is not None:
+        inside = profiles.cell >= 0
+        stems = np.where(inside, forest.stems_per_m2[profiles.cell], 0.0)
+        diameter = np.where(inside, forest.diameter_m[profiles.cell], 0.0)
     return Lines(
         offset=profiles.offset,
         s=profiles.s,
@@ -285,9 +267,6 @@ def _lines(
         stems=stems,
         diameter=diameter,
         on_map=np.zeros((profiles.cell_s.size, 2)) if profiles.on_map is None else profiles.on_map,
-        number=np.asarray(numbers, np.int64),
-        key=np.asarray(keys, np.uint64),
-        start=starts,
         control_line_offset=crossings.offset,
         control_line_x=crossings.chainage,
         control_line=crossings.control_line,
@@ -350,39 +329,85 @@ def setup_of(
 
 def blocks_of(rows: Rows, log_events: int) -> dict[str, Any]:
     """Return rows that blocks have filled, by their names in Simulated."""
-    n_passages, n_spawned = rows.filled
     counts = rows.event_counts
     return {
         "rocks": rows.rocks.view(ROCK_DTYPE),
-        "pieces": rows.spawned[:n_spawned].view(ROCK_DTYPE),
-        "passages": rows.passages[:n_passages].view(PASSAGE_DTYPE),
+        "pieces": rows.spawned.rows[: rows.spawned.n[0]].view(ROCK_DTYPE),
+        "passages": rows.passages.rows[: rows.passages.n[0]].view(PASSAGE_DTYPE),
         "event_logs": tuple(rows.events[i, : counts[i]] for i in range(counts.size))
         if log_events
         else (),
     }
 
 
-def empty_rows(n: int, n_passages: int, n_spawned: int, n_events: int) -> Rows:
+def _empty_rows(n: int, n_passages: int, n_spawned: int, n_events: int) -> Rows:
     """Make room for so many released blocks, passages, spawned blocks and events of each."""
     return Rows(
         rocks=np.zeros(n, _RECORDS_OF_ROCKS),
-        passages=np.zeros(max(n_passages, 1), _RECORDS_OF_PASSAGES),
-        spawned=np.zeros(n_spawned, _RECORDS_OF_ROCKS),
+        passages=empty_table(max(n_passages, 1), _RECORDS_OF_PASSAGES),
+        spawned=empty_table(n_spawned, _RECORDS_OF_ROCKS),
         ends=np.zeros((n, 2)),
         spawned_ends=np.zeros((n_spawned, 2)),
         events=np.zeros((n, n_events), EVENT_DTYPE),
         event_counts=np.zeros(n, np.int64),
-        filled=np.zeros(2, np.int64),
     )
 
 
-def too_many_spawned() -> InputError:
-    """Return the error for a block that spawns too many others."""
-    return InputError(
-        "a block spawns too many others",
-        field="effects",
-        found=f"more than {MOST_SPAWNED} from one released block",
-        expected="fewer fragments, a larger smallest fragment, or fewer blocks per impact",
+#: Ground of a chunk with room for so many cells, and the sums there: profiles, or terrain on which
+#: paths are followed, with the places where more is wanted.
+Ground = Callable[[int], tuple[Totals, Lines | None, Path | None, Wanted | None]]
+
+
+def run_blocks(
+    ground: Ground, n_cells: int, strata: Strata, setup: Setup, effects: EffectSettings, *,
+    has_stems: bool, passages: int, on_map: bool, log_events: int,
+) -> tuple[Totals, Rows, Work, Path | None, Wanted | None]:  # fmt: skip
+    """Simulate blocks, with as much room as they turn out to need.
+
+    Parameters
+    ----------
+    n_cells : int
+        For how many there is room at first.
+    has_stems : bool
+        Whether there is any forest.
+    passages : int
+        Most passages of stations and barriers if no block spawns others.
+    on_map : bool
+        Whether it is known where the paths lie on the map.
+    """
+    n = strata.number.size * setup.n_blocks
+    hooked = prepare(effects, has_stems)
+    more, visits = 1, VISITS
+    while True:
+        totals, lines, path, wanted = ground(n_cells)
+        rows = _empty_rows(n, more * passages, more * n if hooked is not None else 0, log_events)
+        work = working_space(
+            n_cells, setup.grounds, hooked is not None, most_spawned(effects), visits, on_map
+        )
+        status = simulate_strata(strata, setup, totals, rows, work, hooked, lines, path, wanted)
+        if status == DONE:
+            return totals, rows, work, path, wanted
+        if status == NO_ROOM:
+            more *= 4
+        elif status == MANY_CELLS:
+            n_cells *= 2
+        elif status == MANY_VISITS:
+            visits *= 4
+        else:
+            raise InputError(
+                "a block spawns too many others",
+                field="effects",
+                found=f"more than {MOST_SPAWNED} from one released block",
+                expected="fewer fragments, a larger smallest fragment, or fewer blocks per impact",
+            )
+
+
+def strata_of(numbers: IntArray | None, keys: NDArray[np.uint64], start: FloatArray) -> Strata:
+    """Return lines or release points as the kernel takes them; numbered 0, 1, 2, ... by default."""
+    given = np.arange(len(start)) if numbers is None else numbers
+    # A copy: for an array that may not be written to the whole kernel would be compiled again.
+    return Strata(
+        np.asarray(given, np.int64), np.asarray(keys, np.uint64), np.array(start, np.float64)
     )
 
 
@@ -446,49 +471,30 @@ def simulate(
     """
     n_lines = len(profiles)
     bins = bins or default_bins()
-    flat = flat_bins(bins)
     crossings = control_lines or ControlLineCrossings.none(n_lines)
     objects = objects or ObjectCells.none()
     effects = effects or EffectSettings()
     _check(profiles, table)
     if window is not None and profiles.on_map is None:
         raise ValueError("profiles that are not on a map do not meet windows on it")
-    starts = _checked_starts(profiles, starts)
+    strata = strata_of(line_numbers, line_keys, _checked_starts(profiles, starts))
     cells, local = _cells_of(profiles)
-    numbers = np.arange(n_lines, dtype=np.int64) if line_numbers is None else line_numbers
-    lines = _lines(profiles, local, forest, crossings, numbers, line_keys, starts)
+    lines = _lines(profiles, local, forest, crossings)
     setup = setup_of(
         table, blocks, settings, crossings.control_lines, effects, first_rock, rocks_per_line, seed
     )
     centres, disks = _disks(window, cells)
-    hooked = prepare(effects, bool((lines.stems > 0.0).any()))
-    n = n_lines * rocks_per_line
-    room, visits = 1, VISITS
-    levels = bins.threshold.size
-    while True:
-        totals = Totals(
-            flat,
-            empty_sums(cells.size, flat),
-            no_exceedance(cells.size, levels),
-            Windows(disks, no_exceedance(centres.size, levels)),
-            Places(
-                Objects(*objects.under(cells)),
-                no_exceedance(objects.n_objects, levels),
-            ),
-        )
-        n_passages = room * crossings.chainage.size * rocks_per_line
-        rows = empty_rows(n, n_passages, room * n if hooked is not None else 0, log_events)
-        on_map = profiles.on_map is not None
-        work = working_space(totals, hooked, most_spawned(effects), visits, on_map)
-        status = simulate_lines(lines, setup, totals, rows, work, hooked)
-        if status == NO_ROOM:
-            room *= 4
-        elif status == MANY_VISITS:
-            visits *= 4
-        else:
-            break
-    if status == TOO_MANY_SPAWNED:
-        raise too_many_spawned()
+
+    def ground(n_cells: int) -> tuple[Totals, Lines, None, None]:
+        on_objects = Objects(*objects.under(cells))
+        totals = empty_totals(n_cells, bins, disks, on_objects, objects.n_objects)
+        return totals, lines, None, None
+
+    totals, rows, work, _, _ = run_blocks(
+        ground, cells.size, strata, setup, effects, has_stems=bool((lines.stems > 0.0).any()),
+        passages=crossings.chainage.size * rocks_per_line, on_map=profiles.on_map is not None,
+        log_events=log_events,
+    )  # fmt: skip
     left = blocks_of(rows, log_events)
     # Where a given line lies on the map is not known here.
     left["passages"]["x_m"] = left["passages"]["y_m"] = np.nan
@@ -496,7 +502,7 @@ def simulate(
         cells=cells,
         **left_in_cells(totals, work, np.arange(cells.size)),
         windows=centres,
-        window_sums=by_threshold(totals.windows.reach),
-        objects=by_threshold(totals.objects.reach),
+        window_sums=by_threshold(totals.windows),
+        objects=by_threshold(totals.objects),
         **left,
     )

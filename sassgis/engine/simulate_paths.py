@@ -10,32 +10,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sassgis.engine.cell_register import CELLS, WINDOWS, CellRegister, empty_register
-from sassgis.engine.effects.hooks import most_spawned, prepare
 from sassgis.engine.ground_ahead import Path
-from sassgis.engine.kernel import (
-    MANY_VISITS,
-    NO_ROOM,
-    TOO_MANY_SPAWNED,
-    Places,
-    Points,
-    Rows,
-    Totals,
-    Windows,
-    Work,
-    simulate_paths,
-    working_space,
-)
+from sassgis.engine.kernel import Rows, Work
 from sassgis.engine.simulate import (
     Simulated,
     blocks_of,
     by_threshold,
     control_line_table,
-    empty_rows,
     left_in_cells,
+    run_blocks,
     setup_of,
-    too_many_spawned,
+    strata_of,
 )
-from sassgis.engine.statistics import VISITS, Wanted, empty_sums, flat_bins, no_exceedance
+from sassgis.engine.statistics import Totals, Wanted, empty_totals
 from sassgis.errors import InputError
 from sassgis.grid import FloatArray, Grid, IntArray
 from sassgis.settings.blocks import BlockPopulation
@@ -111,59 +98,40 @@ def follow(
         A point lies where no height is known.
     """
     bins = bins or default_bins()
-    flat = flat_bins(bins)
     effects = effects or EffectSettings()
     objects = objects or ObjectCells.none()
-    u, v = _places(terrain.grid, points)
     n = len(points)
-    numbers = np.arange(n, dtype=np.int64) if point_numbers is None else point_numbers
-    given = Points(u, v, np.asarray(numbers, np.int64), np.asarray(point_keys, np.uint64))
+    strata = strata_of(point_numbers, point_keys, np.column_stack(_places(terrain.grid, points)))
     lines = [line for line, _ in terrain.control_lines]
     setup = setup_of(table, blocks, settings, lines, effects, first_rock, rocks_per_point, seed)
     forest = terrain.forest
-    hooked = prepare(effects, forest is not None and bool((forest.stems_per_m2 > 0.0).any()))
     steps = 0 if window is None else window.steps()[0].size
     # What was enough for a chunk before is so for most that follow.
     key = terrain.grid.shape, steps
-    room = max(room_at_first(steps), _ENOUGH.get(key, 0))
-    more, visits = 1, VISITS
-    levels = bins.threshold.size
-    while True:
-        register = empty_register(terrain.grid.shape, room, window, objects)
-        totals = Totals(
-            flat,
-            empty_sums(room, flat),
-            no_exceedance(room, levels),
-            Windows(register.disks, no_exceedance(register.windows.size, levels)),
-            Places(register.on_objects, no_exceedance(objects.n_objects, levels)),
-        )
-        spawned = more * n * rocks_per_point if hooked is not None else 0
-        passages = more * len(lines) * (n * rocks_per_point + 1)
-        rows = empty_rows(n * rocks_per_point, passages, spawned, log_events)
-        work = working_space(totals, hooked, most_spawned(effects), visits, True)
+
+    def ground(n_cells: int) -> tuple[Totals, None, Path, Wanted | None]:
+        register = empty_register(terrain.grid.shape, n_cells, window, objects)
+        totals = empty_totals(n_cells, bins, register.disks, register.on_objects, objects.n_objects)
         path = _path(terrain, settings, register, points)
-        wanted = _wanted(worth, register, n)
-        status = simulate_paths(given, setup, totals, rows, work, hooked, path, wanted)
-        if status == MANY_VISITS:
-            visits *= 4
-        elif status != NO_ROOM:
-            break
-        elif register.full:
-            room *= 2
-            _ENOUGH[key] = room
-        else:
-            more *= 4
-    if status == TOO_MANY_SPAWNED:
-        raise too_many_spawned()
+        return totals, None, path, _wanted(worth, register, n)
+
+    totals, rows, work, path, wanted = run_blocks(
+        ground, max(room_at_first(steps), _ENOUGH.get(key, 0)), strata, setup, effects,
+        has_stems=forest is not None and bool((forest.stems_per_m2 > 0.0).any()),
+        passages=len(lines) * (n * rocks_per_point + 1), on_map=True, log_events=log_events,
+    )  # fmt: skip
+    _ENOUGH[key] = totals.stops.size
+    assert path is not None
     found = np.zeros(n) if wanted is None else wanted.found / max(setup.n_blocks - 1, 1)
-    return replace(_named(terrain.grid, register, totals, rows, work, log_events), worth=found)
+    left = _named(terrain.grid, path.register, totals, rows, work, log_events)
+    return replace(left, worth=found)
 
 
 def _wanted(worth: Worth | None, register: CellRegister, n: int) -> Wanted | None:
     """Return the places where more is wanted for so many points, in the form of the kernel."""
     if worth is None:
         return None
-    # A copy where it may not be written to, as of another process: see _checked_starts.
+    # A copy where it may not be written to, as of another process: see strata_of.
     of_cell = np.require(worth.of_cell, np.float32, ["C", "W"])
     energy = np.array(worth.energy, np.int64)
     return Wanted(energy, of_cell, register.windows, np.zeros(n))
@@ -198,7 +166,6 @@ def _path(
 ) -> Path:
     """Return the terrain as the kernel takes it."""
     grid, forest = terrain.grid, terrain.forest
-    table = control_line_table([line for line, _ in terrain.control_lines])
     traces = [np.asarray(trace, np.float64) for _, trace in terrain.control_lines]
     number = [np.r_[np.full(len(t) - 1, i), -1] for i, t in enumerate(traces)]
     xy = np.concatenate([np.empty((0, 2)), *traces])
@@ -217,9 +184,7 @@ def _path(
         line_u=exact_positions((xy[:, 0] - grid.west) / grid.cell_size),
         line_v=exact_positions((grid.north - xy[:, 1]) / grid.cell_size),
         line_number=np.concatenate([np.empty(0, np.int64), *number]).astype(np.int64),
-        line_kind=table.kind,
-        line_height=table.height,
-        line_capacity=table.capacity,
+        lines=control_line_table([line for line, _ in terrain.control_lines]),
         line_seen=np.zeros(len(traces), np.bool_),
         register=register,
     )
@@ -230,13 +195,13 @@ def _named(
 ) -> Simulated:
     """Return the results of the blocks, cells and windows in ascending order."""
     known = int(register.counts[CELLS])
-    came = totals.reach.blocks[:known, :, 0].any(axis=1) | (totals.sums.stops[:known] > 0)
+    came = totals.reach.blocks[:known, :, 0].any(axis=1) | (totals.stops[:known] > 0)
     reached = np.flatnonzero(came)
     order = reached[np.argsort(register.cells[reached])]
     windows = np.argsort(register.windows[: register.counts[WINDOWS]])
-    met = by_threshold(totals.windows.reach, windows)
+    met = by_threshold(totals.windows, windows)
     came = met["exceed"][:, 0] > 0
-    ends = np.concatenate([rows.ends, rows.spawned_ends[: rows.filled[1]]])
+    ends = np.concatenate([rows.ends, rows.spawned_ends[: rows.spawned.n[0]]])
     left = blocks_of(rows, log_events)
     passages = left["passages"]
     passages["x_m"] = grid.west + passages["x_m"] * grid.cell_size
@@ -246,7 +211,7 @@ def _named(
         **left_in_cells(totals, work, order),
         windows=register.windows[windows[came]],
         window_sums={n: v[came] for n, v in met.items()},
-        objects=by_threshold(totals.objects.reach),
+        objects=by_threshold(totals.objects),
         **left,
         x=grid.west + ends[:, 0] * grid.cell_size,
         y=grid.north - ends[:, 1] * grid.cell_size,

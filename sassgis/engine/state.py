@@ -14,14 +14,14 @@ from numpy.typing import NDArray
 
 from sassgis.compiled.jit import fused, inlined, lean
 from sassgis.engine.recording import CellWork
-from sassgis.engine.rows import Record, Records, record_type
+from sassgis.engine.rows import Record, Records, Table, record_type
 from sassgis.grid import FloatArray
+from sassgis.settings.results import StopReason
 
 # Phases, as they are written to the event log.
-FLIGHT, IMPACT, ROLLING, SLIDING, END = 0, 1, 2, 3, 4
+FLIGHT, IMPACT, ROLLING, SLIDING, END = range(5)
 
-# Stopping reasons; the same numbers as model.results.StopReason.
-REST, BARRIER, LEFT_PROFILE, STEP_LIMIT, NEVER_STARTED, BROKEN = 0, 1, 2, 3, 4, 5
+REST, BARRIER, LEFT_PROFILE, STEP_LIMIT, NEVER_STARTED, BROKEN = map(int, StopReason)
 
 # Effects cut a flight or a stretch of rolling into so many steps at most, on average.
 _STEPS_PER_EVENT = 50
@@ -37,7 +37,6 @@ VERTEX_DTYPE = record_type(
     ("length", _F),  # of the segment (m)
     ("angle", _F),  # of the segment (rad); NaN where it has not been asked for yet
     ("ground", _I),  # position in the ground table
-    ("last", _I),  # of the first row: position of the last vertex
 )
 
 #: Stations and barriers on a profile, by rising chainage.
@@ -49,7 +48,6 @@ CROSSING_DTYPE = record_type(
     ("kind", _I),
     ("number", _I),  # of the control line in the run
     ("seen", np.bool_),  # whether the block has been here
-    ("last", _I),  # of the first row: how many there are
 )
 
 #: Where a block is, how it moves, and what has become of it.
@@ -175,16 +173,6 @@ class Block(NamedTuple):
     drag: float  # its rolling friction over that of the ground class
 
 
-class Start(NamedTuple):
-    """How a block starts."""
-
-    x: float  # chainage (m)
-    speed: float  # along the slope, positive downhill (m/s)
-    spin: float  # positive as a block that rolls downhill (rad/s)
-    drop: float  # height above its resting position (m)
-    orientation: float  # angle of the major axis to the slope (rad)
-
-
 class Physics(NamedTuple):
     """EngineSettings.resolved() for the kernel; the rolling threshold is with the ground."""
 
@@ -205,24 +193,10 @@ class Physics(NamedTuple):
 class Site(NamedTuple):
     """Ground over which a block moves."""
 
-    profile: Records  # VERTEX_DTYPE
+    profile: Table  # VERTEX_DTYPE
     grounds: Records  # ground_switch.GROUND_DTYPE
-    crossings: Records  # CROSSING_DTYPE
-    stretches: Records  # recording.STRETCH_DTYPE
-
-
-class EventLog(NamedTuple):
-    """Room for the events of a block; none are kept where it has no rows."""
-
-    rows: Records  # EVENT_DTYPE
-    filled: NDArray[np.int64]  # (1,) number of rows written
-
-
-class Spawned(NamedTuple):
-    """Blocks that one released block and those that it has spawned have spawned so far."""
-
-    rows: Records  # SPAWNED_DTYPE
-    filled: NDArray[np.int64]  # (1,), beyond the rows if there were too few
+    crossings: Table  # CROSSING_DTYPE
+    stretches: Table  # recording.STRETCH_DTYPE
 
 
 class Output(NamedTuple):
@@ -230,14 +204,15 @@ class Output(NamedTuple):
 
     passages: Records  # PASSAGE_DTYPE, those of this block from the top
     work: CellWork
-    log: EventLog
-    spawned: Spawned
+    log: Table  # EVENT_DTYPE, as far as there are rows
+    # SPAWNED_DTYPE, by the released block and those that it has spawned; counted beyond the rows.
+    spawned: Table
 
 
 @fused
-def log_event(log: EventLog, state: Record, ux: float, uz: float) -> None:
+def log_event(log: Table, state: Record, ux: float, uz: float) -> None:
     """Write the state to the event log, with the direction of the ground."""
-    i = log.filled[0]
+    i = log.n[0]
     if i < log.rows.shape[0]:
         row = log.rows[i]
         row.phase = state.phase
@@ -253,7 +228,7 @@ def log_event(log: EventLog, state: Record, ux: float, uz: float) -> None:
         row.uz = uz
         row.u = state.from_u + (state.x - state.from_x) * state.du
         row.v = state.from_v + (state.x - state.from_x) * state.dv
-        log.filled[0] = i + 1
+        log.n[0] = i + 1
 
 
 @inlined

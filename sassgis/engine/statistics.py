@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sassgis.compiled.jit import inlined, kernel, lean
-from sassgis.engine.recording import ARRIVAL, ENERGY, HEIGHT, N_RECORDED, SPEED2, CellWork
+from sassgis.engine.recording import ARRIVAL, ENERGY, HEIGHT, SPEED2, CellWork
 from sassgis.grid import IntArray
 from sassgis.settings.statistics_table import QUANTITIES, Bins, Reducer, sums_by
 
@@ -61,7 +61,7 @@ class Disks(NamedTuple):
 
 
 class Exceedance(NamedTuple):
-    """Blocks that came to each place (cell or object) with at least the energy of a threshold.
+    """Blocks that came to each place (cell, window or object) with the energy of a threshold.
 
     While they are counted: by how much the number at a threshold exceeds that at the next one. So a
     block is one entry.
@@ -77,14 +77,26 @@ class Exceedance(NamedTuple):
     top: NDArray[np.int16]
     met: NDArray[np.int64]
     n_met: NDArray[np.int64]  # (1,)
+    # Of windows and objects, for one block: its largest energy there (J), -1 where it has not been,
+    # and the places that it has met.
+    peak: NDArray[np.float64]
+    peaked: NDArray[np.int64]
+    n_peaked: NDArray[np.int64]  # (1,)
 
 
-def no_exceedance(n: int, thresholds: int) -> Exceedance:
-    """Return counts for ``n`` cells or objects and so many thresholds."""
+def no_exceedance(n: int, thresholds: int, are_cells: bool = False) -> Exceedance:
+    """Return counts for ``n`` places and so many thresholds."""
+    n_peaks = 0 if are_cells else n
     return Exceedance(
-        np.zeros((n, thresholds, 2), np.int64), np.zeros((n, thresholds + 1), np.uint32),
-        np.full(n, -1, np.int16), np.zeros(n, np.int64), np.zeros(1, np.int64),
-    )  # fmt: skip
+        blocks=np.zeros((n, thresholds, 2), np.int64),
+        own=np.zeros((n, thresholds + 1), np.uint32),
+        top=np.full(n, -1, np.int16),
+        met=np.zeros(n, np.int64),
+        n_met=np.zeros(1, np.int64),
+        peak=np.full(n_peaks, -1.0),
+        peaked=np.zeros(n_peaks, np.int64),
+        n_peaked=np.zeros(1, np.int64),
+    )
 
 
 @kernel
@@ -104,16 +116,22 @@ def counted(sums: Exceedance, rows: IntArray) -> tuple[IntArray, IntArray]:
     return blocks, square
 
 
-class CellSums(NamedTuple):
-    """Statistics per cell of a chunk, one entry per block and cell: the table's sums by kind.
+class Totals(NamedTuple):
+    """Sums of the run, to which the blocks of a chunk are added; one entry per block and place.
 
-    Whole numbers, so that the order of adding does not matter.
+    Whole numbers and extremes, so that the order of adding does not matter.
     """
 
-    stops: NDArray[np.int64]  # (n,)
-    # (n, sums, maxima and minima): together, as they are touched together. Sums are whole numbers.
+    bins: FlatBins
+    stops: NDArray[np.int64]  # (n_cells,)
+    # (n_cells, sums, maxima and minima): together, as they are touched together.
     values: NDArray[np.float64]
-    counts: tuple[NDArray[np.uint32], ...]  # (n, bins) of each histogram, of visits added to it
+    counts: tuple[NDArray[np.uint32], ...]  # (n_cells, bins) of each histogram
+    reach: Exceedance  # of the cells
+    disks: Disks
+    windows: Exceedance
+    on_objects: Objects
+    objects: Exceedance
 
 
 # Blocks that came to cells are noted as visits, one word for each block and cell: the number of the
@@ -124,19 +142,6 @@ _CELL_BITS = _BIN_BITS * len(_BINNED)
 _CELL, _BINS = np.uint64(_CELL_BITS), np.uint64(2**_BIN_BITS - 1)
 #: Visits for which there is room at first.
 VISITS = 2**22
-
-
-class PlaceWork(NamedTuple):
-    """Working space for disks or objects."""
-
-    peak: NDArray[np.float64]  # largest energy of the block there (J), -1 where it has not been
-    met: NDArray[np.int64]
-    n_met: NDArray[np.int64]  # (1,)
-
-
-def place_work(n: int) -> PlaceWork:
-    """Return working space for so many places."""
-    return PlaceWork(np.full(n, -1.0), np.zeros(n, np.int64), np.zeros(1, np.int64))
 
 
 def flat_bins(bins: Bins) -> FlatBins:
@@ -155,34 +160,27 @@ def flat_bins(bins: Bins) -> FlatBins:
     return FlatBins(np.concatenate(end), first, np.array(guess, np.int16))
 
 
-def empty_sums(n_cells: int, bins: FlatBins) -> CellSums:
+def empty_totals(
+    n_cells: int, bins: Bins, disks: Disks, on_objects: Objects, n_objects: int
+) -> Totals:
     """Return sums for ``n_cells`` cells to which nothing has come yet."""
+    flat = flat_bins(bins)
+    levels = bins.threshold.size
     # In one block, so large that it comes zeroed from the system: of zeros that nobody writes to no
     # memory is taken then. Smaller ones the C library takes of its own, and clears.
-    zeros = np.zeros(n_cells * bins.first[-2], np.uint32)
-    edges = pairwise(bins.first[:-1])
-    return CellSums(
+    zeros = np.zeros(n_cells * flat.first[-2], np.uint32)
+    edges = pairwise(flat.first[:-1])
+    return Totals(
+        bins=flat,
         stops=np.zeros(n_cells, np.int64),
         values=np.repeat(_EMPTY, n_cells, axis=0),
         counts=tuple(zeros[n_cells * a : n_cells * b].reshape(n_cells, b - a) for a, b in edges),
+        reach=no_exceedance(n_cells, levels, are_cells=True),
+        disks=disks,
+        windows=no_exceedance(disks.u.size, levels),
+        on_objects=on_objects,
+        objects=no_exceedance(n_objects, levels),
     )
-
-
-def by_name(sums: CellSums, blocks: IntArray, square: IntArray) -> dict[str, NDArray[np.generic]]:
-    """Return the sums under their names in the table, but for the histograms.
-
-    Blocks at the thresholds are among them.
-    """
-    out: dict[str, NDArray[np.generic]] = {
-        "reach": blocks[:, 0], "reach_square": square[:, 0], "stops": sums.stops,
-    }  # fmt: skip
-    rows = [*sums_by("sum"), *sums_by("max"), *sums_by("min")]
-    return out | {s.name: sums.values[:, i].astype(s.dtype) for i, s in enumerate(rows)}
-
-
-def histograms(sums: CellSums) -> dict[str, NDArray[np.uint32]]:
-    """Return the histograms under their names in the table."""
-    return {s.name: own for s, own in zip(sums_by("histogram"), sums.counts, strict=True)}
 
 
 @lean
@@ -199,15 +197,9 @@ def _bin_of(bins: FlatBins, which: int, value: float) -> int:
     return int(i)
 
 
-@lean
+@inlined
 def _cell_of(visit: np.uint64) -> int:
     return int(visit >> _CELL)
-
-
-@lean
-def _bin_in(visit: np.uint64, which: int) -> int:
-    """Return the bin of a histogram that a visit holds."""
-    return int((visit >> np.uint64(_BIN_BITS * which)) & _BINS)
 
 
 @kernel
@@ -290,24 +282,25 @@ def add_worth(reach: Exceedance, wanted: Wanted, stratum: int, n_blocks: int) ->
 
 
 @lean
-def _meet(own: PlaceWork, number: int, joule: float) -> None:
+def _meet(reach: Exceedance, place: int, joule: float) -> None:
     """Raise the energy of a block at a place."""
-    if own.peak[number] < 0.0:
-        own.met[own.n_met[0]] = number
-        own.n_met[0] += 1
-    own.peak[number] = max(own.peak[number], joule)
+    if reach.peak[place] < 0.0:
+        reach.peaked[reach.n_peaked[0]] = place
+        reach.n_peaked[0] += 1
+    reach.peak[place] = max(reach.peak[place], joule)
 
 
 @lean
-def meet_objects(
-    work: CellWork, n_touched: int, mass: float, objects: Objects, own: PlaceWork
-) -> None:
+def meet_objects(work: CellWork, n_touched: int, mass: float, totals: Totals) -> None:
     """Note the largest energy of a block on the objects whose cells it touched."""
+    if totals.objects.peak.size == 0:
+        return
+    on = totals.on_objects
     for k in range(n_touched):
         cell = work.touched[k]
         joule = work.peak[cell, ENERGY] * mass
-        for m in range(objects.offset[cell], objects.offset[cell + 1]):
-            _meet(own, objects.number[m], joule)
+        for m in range(on.offset[cell], on.offset[cell + 1]):
+            _meet(totals.objects, on.number[m], joule)
 
 
 @inlined
@@ -332,21 +325,24 @@ def _meets(chord: NDArray[np.float64], u: float, v: float, radius2: float) -> bo
 
 
 @lean
-def meet_disks(work: CellWork, n_touched: int, mass: float, disks: Disks, own: PlaceWork) -> None:
+def meet_disks(work: CellWork, n_touched: int, mass: float, totals: Totals) -> None:
     """Note the largest energy of a block in the disks that its path meets.
 
     In each cell the path is taken as straight (recording._pass); the energy is the largest there.
     """
+    if totals.windows.peak.size == 0:
+        return
+    disks = totals.disks
     for k in range(n_touched):
         cell = work.touched[k]
         joule = work.peak[cell, ENERGY] * mass
         chord = work.chord[cell]
         for m in range(disks.under.offset[cell], disks.under.offset[cell + 1]):
             number = disks.under.number[m]
-            if joule <= own.peak[number]:
+            if joule <= totals.windows.peak[number]:
                 continue
             if _meets(chord, disks.u[number], disks.v[number], disks.radius2):
-                _meet(own, number, joule)
+                _meet(totals.windows, number, joule)
 
 
 @lean
@@ -374,27 +370,21 @@ def passed_cells(work: CellWork, n_touched: int, last: int) -> int:
 
 
 @lean
-def count_places(own: PlaceWork, bins: FlatBins, reach: Exceedance) -> None:
-    """Count a block at all places that it met."""
-    for k in range(own.n_met[0]):
-        number = own.met[k]
-        _came(reach, number, _bin_of(bins, len(_BINNED), 1e-3 * own.peak[number]))
-        own.peak[number] = -1.0
-    own.n_met[0] = 0
+def count_places(reach: Exceedance, bins: FlatBins) -> None:
+    """Count a block at all windows or objects that it met."""
+    for k in range(reach.n_peaked[0]):
+        place = reach.peaked[k]
+        _came(reach, place, _bin_of(bins, len(_BINNED), 1e-3 * reach.peak[place]))
+        reach.peak[place] = -1.0
+    reach.n_peaked[0] = 0
 
 
 @lean
 def flush(
-    work: CellWork,
-    n_touched: int,
-    sums: CellSums,
-    reach: Exceedance,
-    bins: FlatBins,
-    mass: float,
-    visits: NDArray[np.uint64],
-    n_visits: int,
-) -> int:
-    """Add one block's cells to the sums, and note its visits; returns their number."""
+    work: CellWork, n_touched: int, mass: float, totals: Totals, visits: NDArray[np.uint64]
+) -> None:
+    """Add one block's cells to the sums, and note its visits."""
+    bins = totals.bins
     for k in range(n_touched):
         cell = work.touched[k]
         record = work.peak[cell]
@@ -402,7 +392,7 @@ def flush(
         record[ENERGY] = 1e-3 * joule
         record[SPEED2] = math.sqrt(record[SPEED2])
         thousandth = (joule, 1e3 * record[HEIGHT], 1e3 * record[SPEED2], 1e3 * record[ARRIVAL])
-        values = sums.values[cell]
+        values = totals.values[cell]
         for i in range(len(_SUMMED)):
             values[i] += math.floor(thousandth[_SUMMED[i]] + 0.5)
         for i in range(len(_RAISED)):
@@ -411,14 +401,13 @@ def flush(
         for i in range(len(_LOWERED)):
             at = len(_SUMMED) + len(_RAISED) + i
             values[at] = min(values[at], record[_LOWERED[i]])
-        _came(reach, cell, _bin_of(bins, len(_BINNED), record[ENERGY]))
+        _came(totals.reach, cell, _bin_of(bins, len(_BINNED), record[ENERGY]))
         visit = np.uint64(cell) << _CELL
         for i in range(len(_BINNED)):
             own = np.uint64(_bin_of(bins, i, record[_BINNED[i]]))
             visit += own << np.uint64(_BIN_BITS * i)
-        visits[n_visits + k] = visit
+        visits[k] = visit
         record[ENERGY] = -1.0
-    return n_visits + n_touched
 
 
 @lean
@@ -436,33 +425,22 @@ def add_visits(
         visit = visits[k]
         at = row[_cell_of(visit)]
         for i in range(len(_BINNED)):
-            counts[i][at, _bin_in(visit, i)] += np.uint32(weight)
-
-
-class Event(NamedTuple):
-    """Records of a block and all that it spawned in each cell, as one block of 1 kg."""
-
-    peak: NDArray[np.float64]  # (n_cells, N_RECORDED), energy -1 where none has been
-    touched: NDArray[np.int64]
-    filled: NDArray[np.int64]  # (1,)
-
-
-def empty_event(n_cells: int) -> Event:
-    """Return room for what a block and those that it spawns do in some cells."""
-    return Event(
-        np.full((n_cells, N_RECORDED), -1.0), np.zeros(n_cells, np.int64), np.zeros(1, np.int64)
-    )
+            own = (visit >> np.uint64(_BIN_BITS * i)) & _BINS
+            counts[i][at, int(own)] += np.uint32(weight)
 
 
 @lean
-def collect(event: Event, work: CellWork, n_touched: int, mass: float) -> None:
-    """Move the cells of one block to those of the event."""
+def collect(event: CellWork, n_event: int, work: CellWork, n_touched: int, mass: float) -> int:
+    """Move the cells of one block to those of it with all that it spawns, as of one of 1 kg.
+
+    Returns how many cells there are then.
+    """
     for k in range(n_touched):
         cell = work.touched[k]
         joule = work.peak[cell, ENERGY] * mass
         if event.peak[cell, ENERGY] < 0.0:
-            event.touched[event.filled[0]] = cell
-            event.filled[0] += 1
+            event.touched[n_event] = cell
+            n_event += 1
             event.peak[cell, HEIGHT] = 0.0
             event.peak[cell, SPEED2] = 0.0
             event.peak[cell, ARRIVAL] = np.inf
@@ -471,17 +449,4 @@ def collect(event: Event, work: CellWork, n_touched: int, mass: float) -> None:
         event.peak[cell, SPEED2] = max(event.peak[cell, SPEED2], work.peak[cell, SPEED2])
         event.peak[cell, ARRIVAL] = min(event.peak[cell, ARRIVAL], work.peak[cell, ARRIVAL])
         work.peak[cell, ENERGY] = -1.0
-
-
-@lean
-def give_back(event: Event, work: CellWork) -> int:
-    """Move the cells of the event to the work, as of one block of 1 kg; returns their number."""
-    n = event.filled[0]
-    for k in range(n):
-        cell = event.touched[k]
-        work.touched[k] = cell
-        for i in range(N_RECORDED):
-            work.peak[cell, i] = event.peak[cell, i]
-        event.peak[cell, ENERGY] = -1.0
-    event.filled[0] = 0
-    return int(n)
+    return n_event

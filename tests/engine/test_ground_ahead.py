@@ -10,14 +10,13 @@ from helpers.paths_lab import MIXED, TABLE, paths
 from helpers.terrains import grid_of, points_at
 from scipy import ndimage
 
-from sassgis.engine import simulate_paths
+from sassgis.engine import simulate
 from sassgis.engine.cell_register import empty_register
 from sassgis.engine.draws import block_of
 from sassgis.engine.effects.hooks import BLOCK_DTYPE
 from sassgis.engine.ground_ahead import look_ahead, room_ahead
 from sassgis.engine.heading import start_path
 from sassgis.engine.simulate_paths import PathTerrain, _path
-from sassgis.engine.state import Site
 from sassgis.grid import Grid
 from sassgis.settings.map_run import ObjectCells
 from sassgis.settings.settings import EngineSettings
@@ -38,15 +37,14 @@ def sampled(seed: int):
     settings = EngineSettings(drift_deg=0.0).resolved()
     points = points_at(0.0, 0.0)
     path = _path(PathTerrain(grid, classes, TOLERANCE), settings, register, points)
-    vertices, crossings, stretches = room_ahead()
-    site = Site(vertices, np.zeros(2), crossings, stretches)
+    site = room_ahead(np.zeros(2))
     state = np.zeros(1, BLOCK_DTYPE).view(np.recarray)[0]
     block = block_of(0.5, 0.4, 0.4, 2600.0, 800.0, np.uint64(seed))
     u, v = rng.uniform(28.0, 32.0, 2)
     assert start_path(None, state, block, site, path, u, v)
     look_ahead(state, block, site, path, AHEAD, 9.81)
-    n, k = int(vertices[0]["last"]), int(stretches[0]["last"])
-    return heights, classes, register, state, vertices[: n + 1], stretches[: k + 1]
+    vertices, stretches = (t.rows[: t.n[0] + 1] for t in (site.profile, site.stretches))
+    return heights, classes, register, state, vertices, stretches
 
 
 @pytest.mark.parametrize("seed", range(12))
@@ -85,7 +83,7 @@ def test_sums_do_not_depend_on_the_room_for_visits(monkeypatch, room: int) -> No
         return out.sums
 
     whole = sums()
-    monkeypatch.setattr(simulate_paths, "VISITS", room)
+    monkeypatch.setattr(simulate, "VISITS", room)
     few = sums()
     assert whole["energy"].sum() > 900
     assert all((few[name] == whole[name]).all() for name in whole)

@@ -11,8 +11,8 @@ from annotated_types import Interval
 from sassgis.compiled import rng
 from sassgis.compiled.jit import lean
 from sassgis.engine.effects.spawning import spawn
-from sassgis.engine.rows import Record
-from sassgis.engine.state import Block, Spawned
+from sassgis.engine.rows import Record, Table
+from sassgis.engine.state import Block
 from sassgis.settings.effects import EffectSection
 from sassgis.settings.schema import Several, Text, checked
 
@@ -107,7 +107,7 @@ def angle_of(key: np.uint64, number: int, i: int) -> float:
 @lean
 def entrain(
     loose: LooseBlocks,
-    spawned: Spawned,
+    spawned: Table,
     block: Block,
     number: int,
     lost: float,

@@ -11,8 +11,8 @@ from annotated_types import Interval
 from sassgis.compiled import rng
 from sassgis.compiled.jit import kernel, lean
 from sassgis.engine.effects.spawning import MOST_SPAWNED, spawn
-from sassgis.engine.rows import Record
-from sassgis.engine.state import Block, Spawned
+from sassgis.engine.rows import Record, Table
+from sassgis.engine.state import Block
 from sassgis.grid import FloatArray
 from sassgis.settings.effects import EffectSection
 from sassgis.settings.schema import checked
@@ -235,9 +235,7 @@ def angles_aside(
 
 
 @kernel
-def break_up(
-    breaking: Breaking, spawned: Spawned, block: Block, number: int, state: Record
-) -> bool:
+def break_up(breaking: Breaking, spawned: Table, block: Block, number: int, state: Record) -> bool:
     """Break a block in flight into fragments; False if it is too small to break."""
     volume = 4.0 / 3.0 * math.pi * block.a * block.b * block.c
     share = np.empty(most_fragments(breaking, volume))

@@ -28,8 +28,8 @@ from sassgis.engine.effects import (
 from sassgis.engine.effects.ground_switch import ground_rows
 from sassgis.engine.effects.spawning import MOST_SPAWNED
 from sassgis.engine.impact import COULOMB, SCALE
-from sassgis.engine.rows import Record, Records, record_type
-from sassgis.engine.state import STATE_FIELDS, Block, Site, Spawned
+from sassgis.engine.rows import Record, Records, Table, record_type
+from sassgis.engine.state import STATE_FIELDS, Block, Site
 from sassgis.settings.effects import EffectSettings
 from sassgis.settings.ground import GroundTable
 
@@ -354,7 +354,7 @@ def on_loss(
     effects: Effects | None,
     state: Record,
     block: Block,
-    spawned: Spawned,
+    spawned: Table,
     here: Record,
     ground: Record,
     lost: float,
@@ -365,7 +365,7 @@ def on_loss(
     ----------
     state : Record
         After the impact.
-    spawned : Spawned
+    spawned : Table
         Added to.
     here, ground : a row of VERTEX_DTYPE, a row of GROUND_DTYPE
         The segment that was hit, and its ground class.

@@ -2,23 +2,17 @@
 
 from __future__ import annotations
 
-import numpy as np
-
 from sassgis.compiled.jit import lean
-from sassgis.engine.state import SPAWNED_DTYPE, Block, Spawned
+from sassgis.engine.rows import Table
+from sassgis.engine.state import Block
 
 #: Blocks that one released block may spawn.
 MOST_SPAWNED = 5000
 
 
-def room_for(most: int) -> Spawned:
-    """Return room for so many spawned blocks of one released block."""
-    return Spawned(np.zeros(most, SPAWNED_DTYPE), np.zeros(1, np.int64))
-
-
 @lean
 def spawn(
-    spawned: Spawned,
+    spawned: Table,
     x: float,
     z: float,
     vx: float,
@@ -36,8 +30,8 @@ def spawn(
     ``aside`` (rad) is the angle in plan, positive to the right, between its path and the parent's;
     a run along a profile does not use it. One without room is counted only.
     """
-    i = spawned.filled[0]
-    spawned.filled[0] = i + 1
+    i = spawned.n[0]
+    spawned.n[0] = i + 1
     if i < spawned.rows.shape[0]:
         row = spawned.rows[i]
         row.x = x

@@ -13,7 +13,7 @@ from annotated_types import Interval
 from sassgis.compiled import rng
 from sassgis.compiled.jit import inlined, lean
 from sassgis.engine.profile import segment_at, to_cell_border
-from sassgis.engine.rows import Record, Records, last_of
+from sassgis.engine.rows import Record, Table
 from sassgis.engine.state import Block, Site
 from sassgis.errors import ConfigError
 from sassgis.settings.built_in_rows import built_in_rows
@@ -300,23 +300,23 @@ def time_to_height(stand: Stand, above: float, climb: float, gravity: float) -> 
 
 
 @lean
-def to_other_forest(stretches: Records, i: int, x: float, direction: int) -> tuple[int, float]:
+def to_other_forest(stretches: Table, i: int, x: float, direction: int) -> tuple[int, float]:
     """Find the stretch ahead of a block in a direction, and how far its forest goes on (m).
 
     To the next vertex at most: there the height above the ground changes otherwise. Of a long
     straight slope a few cells are looked at.
     """
     i, gap = to_cell_border(stretches, i, x, direction)
-    here = stretches[i]
+    here = stretches.rows[i]
     j = i + direction
     while (
-        0 <= j < last_of(stretches)
+        0 <= j < stretches.n[0]
         and abs(j - i) < _MOST_CELLS
-        and stretches[j].segment == here.segment
-        and stretches[j].stems == here.stems
-        and stretches[j].diameter == here.diameter
+        and stretches.rows[j].segment == here.segment
+        and stretches.rows[j].stems == here.stems
+        and stretches.rows[j].diameter == here.diameter
     ):
-        gap += stretches[j + 1].start - stretches[j].start
+        gap += stretches.rows[j + 1].start - stretches.rows[j].start
         j += direction
     return i, gap
 
@@ -333,11 +333,11 @@ def before_flight(
     """Compute the time of flight (s) before the forest changes or a stem is met."""
     direction = 1 if state.vx >= 0.0 else -1
     ahead, gap = to_other_forest(site.stretches, state.stretch, state.x, direction)
-    stretch = site.stretches[ahead]
+    stretch = site.stretches.rows[ahead]
     stems = stretch.stems
     limit = longest
     if stems > 0.0:
-        under = site.profile[segment_at(site.profile, state.x, state.segment)]
+        under = site.profile.rows[segment_at(site.profile, state.x, state.segment)]
         slope = under.tz / under.tx
         below, ends = time_to_height(
             stand, state.z - under.z - (state.x - under.x) * slope, state.vz - slope * state.vx,
@@ -369,7 +369,7 @@ def before_stretch(
 ) -> Drawn:
     """Return the acceleration on the ground until the forest changes or a stem is met."""
     ahead, gap = to_other_forest(site.stretches, state.stretch, state.x, state.direction)
-    stretch = site.stretches[ahead]
+    stretch = site.stretches.rows[ahead]
     state.stems = stretch.stems
     state.diameter = stretch.diameter
     state.stem_rate = stems_per_metre(stand, stretch.stems, stretch.diameter, 2.0 * block.c)

@@ -27,8 +27,9 @@ from sassgis.engine.effects import fragmentation
 from sassgis.engine.effects.entrainment import Entrainment
 from sassgis.engine.effects.fragmentation import Fragmentation
 from sassgis.engine.effects.hooks import BLOCK_DTYPE, prepare
-from sassgis.engine.effects.spawning import room_for
 from sassgis.engine.ellipse import inertia
+from sassgis.engine.rows import empty_table
+from sassgis.engine.state import SPAWNED_DTYPE
 from sassgis.errors import InputError
 from sassgis.settings.effects import EffectSettings
 from sassgis.settings.ground import GroundTable
@@ -55,9 +56,9 @@ def broken(effects, block, number, vx, vz, theta, omega):
     """Fragments of a block that breaks at (5, 80)."""
     state = np.zeros(1, BLOCK_DTYPE)[0]
     state.x, state.z, state.vx, state.vz, state.theta, state.omega = 5.0, 80.0, vx, vz, theta, omega
-    spawned = room_for(1000)
+    spawned = empty_table(1000, SPAWNED_DTYPE)
     assert fragmentation.break_up(effects.breaking, spawned, block, number, state)
-    return spawned.rows[: spawned.filled[0]]
+    return spawned.rows[: spawned.n[0]]
 
 
 def ended(out):
