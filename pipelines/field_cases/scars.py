@@ -116,8 +116,8 @@ def _chord(depth: FloatArray, radius: float) -> FloatArray:
 def _left_at(form: SoftGround, depth: float, mass: float, radius: float) -> float:
     """Share of the energy left by the form with C = 1 for a scar of a given depth."""
     # The form derives the depth from the speed: a scale that gives this depth at 1 m/s.
-    one = soft_ground.prepare(form)._replace(depth=1.0, drag=1.0)
-    one = one._replace(depth=depth / soft_ground.scar_depth(one, mass, radius, 1.0))
+    one = soft_ground.prepare(form)._replace(depth_scale=1.0, drag_coefficient=1.0)
+    one = one._replace(depth_scale=depth / soft_ground.scar_depth(one, mass, radius, 1.0))
     return float(soft_ground.scar_energy_left(one, mass, radius, 1.0))
 
 

@@ -11,7 +11,7 @@ from affine import Affine
 from helpers.input_files import NORTH, WEST
 from shapely import box
 
-from sassgis.engine.effects.trees import FULL_STEMS, Stand, energy_ratios, stem_loss
+from sassgis.engine.effects.trees import Trees, energy_ratios, prepare, stem_loss
 from sassgis.errors import ConfigError, InputError
 from sassgis.grid import Grid
 from sassgis.inputs.forest import TREES_WITHIN_M, read_forest
@@ -38,7 +38,8 @@ def table(frame: gpd.GeoDataFrame, file: Path, *columns: str) -> Path:
 
 def energy_of(diameter_m: float) -> float:
     """What a stem of fir takes (J), by the engine."""
-    return float(stem_loss(Stand(FULL_STEMS, 1.0, 0.0, 15.0), np.uint64(1), 0, diameter_m))
+    stand = prepare(Trees("full_stems"), has_stems=True)
+    return float(stem_loss(stand, np.uint64(1), 0, diameter_m))
 
 
 def test_stems_are_counted_within_their_reach_and_take_what_the_trees_take(tmp_path: Path) -> None:

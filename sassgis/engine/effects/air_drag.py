@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import math
-from typing import Annotated, ClassVar, Literal, NamedTuple
+from typing import Annotated, ClassVar, Literal
 
-import numpy as np
 from annotated_types import Interval
 
 from sassgis.compiled.jit import lean
+from sassgis.engine.effects.forms import OFF, Numbers, kernel_form
 from sassgis.settings.effects import EffectSection
 from sassgis.settings.schema import checked
 
@@ -39,30 +39,13 @@ class AirDrag(EffectSection):
     ] = 1.1
 
 
-OFF, CONSTANT, SPHERICITY = 0, 1, 2
+CONSTANT, SPHERICITY = 1, 2
 #: Longest flight between two turns of drag (s): halving it moves nothing that matters.
 DRAG_STEP_S = 0.05
 
-
-class Drag(NamedTuple):
-    """AirDrag as the kernel reads it."""
-
-    form: int
-    coefficient: float
-    density: float
-    step: float  # longest flight between two turns of drag (s)
-
-
-def prepare(settings: AirDrag | None) -> Drag:
-    """Turn the settings into what the kernel reads."""
-    if settings is None or settings.drag_coefficient == 0.0 or settings.air_density_kgm3 == 0.0:
-        return Drag(OFF, 0.0, 0.0, np.inf)
-    return Drag(
-        {"constant": CONSTANT, "sphericity": SPHERICITY}[settings.form],
-        float(settings.drag_coefficient),
-        float(settings.air_density_kgm3),
-        DRAG_STEP_S,
-    )
+AirDragNumbers, prepare = kernel_form(
+    AirDrag, lambda own: own.drag_coefficient == 0.0 or own.air_density_kgm3 == 0.0
+)
 
 
 @lean
@@ -74,22 +57,20 @@ def sphericity(a: float, b: float, c: float) -> float:
 
 
 @lean
-def resistance(drag: Drag, a: float, b: float, c: float, mass: float) -> float:
-    """Return K of the deceleration K v² (1/m).
-
-    K = ½ ρ C_d A / m, A the mean section of the tumbling block.
+def resistance(drag: Numbers, a: float, b: float, c: float, mass: float) -> float:
+    """Return K = ½ ρ C_d A / m of the deceleration K v² (1/m), A the block's mean section.
 
     The mean shadow of a convex body is a quarter of its surface (Cauchy).
     """
     if drag.form == OFF:
         return 0.0
-    coefficient = drag.coefficient
+    coefficient = drag.drag_coefficient
     round_ = sphericity(a, b, c)
     if drag.form == SPHERICITY:
         away = max(-math.log10(round_), 0.0)
         coefficient *= 10.0 ** (1.8148 * away**0.5743)
     section = math.pi * (a * b * c) ** (2.0 / 3.0) / round_
-    return float(0.5 * drag.density * coefficient * section / mass)
+    return float(0.5 * drag.air_density_kgm3 * coefficient * section / mass)
 
 
 @lean

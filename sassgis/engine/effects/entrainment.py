@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import math
-from typing import Annotated, ClassVar, Literal, NamedTuple
+from typing import Annotated, ClassVar, Literal
 
 import numpy as np
 from annotated_types import Interval
 
 from sassgis.compiled import rng
 from sassgis.compiled.jit import lean
+from sassgis.engine.effects.forms import Numbers, kernel_form
 from sassgis.engine.effects.spawning import spawn
 from sassgis.engine.rows import Record, Table
 from sassgis.engine.state import Block
@@ -48,40 +49,20 @@ class Entrainment(EffectSection):
     )
 
 
-OFF, POISSON, ENERGY = 0, 1, 2
+POISSON, ENERGY = 1, 2
 _MOST = 20
 _STEEPEST = 0.25 * math.pi
 
 
-class LooseBlocks(NamedTuple):
-    """Entrainment as the kernel reads it."""
-
-    form: int
-    number: float
-    energy: float  # J
-    ratio: float
-    share: float
-
-
-def prepare(settings: Entrainment | None) -> LooseBlocks:
-    """Turn the settings into what the kernel reads."""
-    if settings is None or settings.number == 0.0:
-        return LooseBlocks(OFF, 0.0, 1.0, 1.0, 0.0)
-    return LooseBlocks(
-        {"poisson": POISSON, "energy": ENERGY}[settings.form],
-        float(settings.number),
-        1e3 * float(settings.energy_kj),
-        float(settings.size_ratio),
-        float(settings.share),
-    )
+EntrainmentNumbers, prepare = kernel_form(Entrainment, lambda own: own.number == 0.0)
 
 
 @lean
-def blocks_entrained(loose: LooseBlocks, key: np.uint64, number: int, lost: float) -> int:
+def blocks_entrained(loose: Numbers, key: np.uint64, number: int, lost: float) -> int:
     """Draw how many blocks an impact that takes ``lost`` (J) entrains: Poisson, at most 20."""
     mean = loose.number
     if loose.form == ENERGY:
-        mean *= lost / loose.energy
+        mean *= lost / (1e3 * loose.energy_kj)
     limit = math.exp(-min(mean, 50.0))
     n = 0
     product = rng.uniform(key, rng.ENTRAINED, 64 * number)
@@ -92,7 +73,7 @@ def blocks_entrained(loose: LooseBlocks, key: np.uint64, number: int, lost: floa
 
 
 @lean
-def speed_of_each(loose: LooseBlocks, n: int, lost: float, mass: float) -> float:
+def speed_of_each(loose: Numbers, n: int, lost: float, mass: float) -> float:
     """Return the speed of each of n blocks of a mass (kg), together with at most ``lost`` (J)."""
     own = min(loose.share, 1.0 / n) * lost
     return math.sqrt(2.0 * max(own, 0.0) / mass)
@@ -106,7 +87,7 @@ def angle_of(key: np.uint64, number: int, i: int) -> float:
 
 @lean
 def entrain(
-    loose: LooseBlocks,
+    loose: Numbers,
     spawned: Table,
     block: Block,
     number: int,
@@ -122,7 +103,7 @@ def entrain(
     n = blocks_entrained(loose, block.key, number, lost)
     if n == 0:
         return
-    size = loose.ratio
+    size = loose.size_ratio
     mass = block.mass * size**3
     speed = speed_of_each(loose, n, lost, mass)
     direction = 1 if state.vx >= 0.0 else -1

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import math
-from typing import Annotated, ClassVar, Literal, NamedTuple
+from typing import Annotated, ClassVar, Literal
 
 import numpy as np
 from annotated_types import Interval
 
 from sassgis.compiled import rng
 from sassgis.compiled.jit import kernel, lean
+from sassgis.engine.effects.forms import Numbers, kernel_form
 from sassgis.engine.effects.spawning import MOST_SPAWNED, spawn
 from sassgis.engine.rows import Record, Table
 from sassgis.engine.state import Block
@@ -66,66 +67,38 @@ class Fragmentation(EffectSection):
     ] = 0.02
 
 
-OFF, FRACTAL, THRESHOLD = 0, 1, 2
+FRACTAL, THRESHOLD = 1, 2
 #: Draws of a stream that are kept for one break: more than there is room for fragments.
 _DRAWS = 8192
 
 
-class Breaking(NamedTuple):
-    """Fragmentation as the kernel reads it."""
-
-    form: int
-    energy: float  # J/kg
-    survival: float
-    shape: float
-    exponent: float  # of the volumes, D/3
-    pieces: int
-    loss: float
-    cone: float  # rad
-    smallest: float  # m³
-
-
-def prepare(settings: Fragmentation | None) -> Breaking:
-    """Turn the settings into what the kernel reads."""
-    if settings is None:
-        return Breaking(OFF, 0.0, 1.0, 0.0, 1.0, 2, 0.0, 0.0, 1.0)
-    return Breaking(
-        {"fractal": FRACTAL, "threshold": THRESHOLD}[settings.form],
-        float(settings.energy_jkg),
-        float(settings.survival_rate),
-        float(settings.shape),
-        float(settings.fractal_dimension) / 3.0,
-        int(settings.pieces),
-        float(settings.loss),
-        math.radians(settings.cone_deg),
-        float(settings.smallest_m3),
-    )
+FragmentationNumbers, prepare = kernel_form(Fragmentation)
 
 
 @lean
-def breaks(breaking: Breaking, key: np.uint64, number: int, lost: float) -> bool:
+def breaks(breaking: Numbers, key: np.uint64, number: int, lost: float) -> bool:
     """Return whether an impact that takes ``lost`` (J/kg) breaks the block."""
-    if lost <= max(breaking.energy, 0.0):
+    if lost <= max(breaking.energy_jkg, 0.0):
         return False
     if breaking.form == THRESHOLD:
         return True
-    above = lost / breaking.energy if breaking.energy > 0.0 else 1.0
-    whole = breaking.survival ** (above**breaking.shape)
+    above = lost / breaking.energy_jkg if breaking.energy_jkg > 0.0 else 1.0
+    whole = breaking.survival_rate ** (above**breaking.shape)
     return bool(rng.uniform(key, rng.BREAKS, number) < 1.0 - whole)
 
 
 @lean
-def most_fragments(breaking: Breaking, volume: float) -> int:
+def most_fragments(breaking: Numbers, volume: float) -> int:
     """Count the most fragments that a volume (m³) can have, none of them below the smallest.
 
     One more than there is room for counts as too many.
     """
-    most = min(int(min(volume / breaking.smallest, 1e6)), MOST_SPAWNED + 1)
+    most = min(int(min(volume / breaking.smallest_m3, 1e6)), MOST_SPAWNED + 1)
     return min(most, breaking.pieces) if breaking.form == THRESHOLD else most
 
 
 @lean
-def shares(breaking: Breaking, key: np.uint64, number: int, volume: float, out: FloatArray) -> int:
+def shares(breaking: Numbers, key: np.uint64, number: int, volume: float, out: FloatArray) -> int:
     """Return shares of the volume of the fragments, largest first; they add up to 1.
 
     Of "fractal" the i-th is in proportion to Γ_i^(-1/b), Γ_i the i-th point of a Poisson process
@@ -149,12 +122,13 @@ def shares(breaking: Breaking, key: np.uint64, number: int, volume: float, out: 
     if breaking.form == THRESHOLD:
         out[:] = 1.0 / max(n, 1)
         return n if n >= 2 else 0
+    exponent = breaking.fractal_dimension / 3.0
     point = 0.0
     total = 0.0
     for i in range(n):
         point -= math.log(rng.uniform(key, rng.FRAGMENT_SIZE, _DRAWS * number + i))
-        size = point ** (-1.0 / breaking.exponent)
-        if volume * size < breaking.smallest * (total + size):
+        size = point ** (-1.0 / exponent)
+        if volume * size < breaking.smallest_m3 * (total + size):
             n = i
             break
         out[i] = size
@@ -168,7 +142,7 @@ def shares(breaking: Breaking, key: np.uint64, number: int, volume: float, out: 
 
 @lean
 def sideways_speeds(
-    breaking: Breaking, key: np.uint64, number: int, n: int, share: FloatArray, out: FloatArray
+    breaking: Numbers, key: np.uint64, number: int, n: int, share: FloatArray, out: FloatArray
 ) -> float:
     """Return sideways speeds of the fragments over their common speed ahead.
 
@@ -188,7 +162,7 @@ def sideways_speeds(
     for i in range(n):
         angle = (
             2.0 * rng.uniform(key, rng.FRAGMENT_ANGLE, _DRAWS * number + i) - 1.0
-        ) * breaking.cone
+        ) * math.radians(breaking.cone_deg)
         out[i] = math.tan(angle)
         mean += share[i] * out[i]
     sideways = 0.0
@@ -200,7 +174,7 @@ def sideways_speeds(
 
 @lean
 def angles_aside(
-    breaking: Breaking,
+    breaking: Numbers,
     key: np.uint64,
     number: int,
     n: int,
@@ -220,7 +194,7 @@ def angles_aside(
     weights = 0.0
     for i in range(n):
         angle = 2.0 * rng.uniform(key, rng.FRAGMENT_ASIDE, _DRAWS * number + i) - 1.0
-        out[i] = math.sin(angle * breaking.cone)
+        out[i] = math.sin(angle * math.radians(breaking.cone_deg))
         weight = share[i] * abs(vx[i])
         mean += weight * out[i]
         weights += weight
@@ -235,7 +209,7 @@ def angles_aside(
 
 
 @kernel
-def break_up(breaking: Breaking, spawned: Table, block: Block, number: int, state: Record) -> bool:
+def break_up(breaking: Numbers, spawned: Table, block: Block, number: int, state: Record) -> bool:
     """Break a block in flight into fragments; False if it is too small to break."""
     volume = 4.0 / 3.0 * math.pi * block.a * block.b * block.c
     share = np.empty(most_fragments(breaking, volume))

@@ -25,6 +25,7 @@ from sassgis.engine.effects import (
     trees,
     wind,
 )
+from sassgis.engine.effects.forms import OFF, Numbers
 from sassgis.engine.effects.ground_switch import ground_rows
 from sassgis.engine.effects.spawning import MOST_SPAWNED
 from sassgis.engine.impact import COULOMB, SCALE
@@ -47,17 +48,17 @@ BLOCK_DTYPE = record_type(
 
 
 class Effects(NamedTuple):
-    """Every effect; its form is 0 where it is off."""
+    """Every effect, as forms.kernel_form has its settings."""
 
-    drag: air_drag.Drag
-    stand: trees.Stand
-    soft: soft_ground.Soft
-    rough: roughness.Rough
-    shape: rock_shape.Shape
-    breaking: fragmentation.Breaking
-    loose: entrainment.LooseBlocks
-    push: wind.Push
-    deflection: lateral_deflection.Deflection
+    drag: Numbers
+    stand: Numbers
+    soft: Numbers
+    rough: Numbers
+    shape: Numbers
+    breaking: Numbers
+    loose: Numbers
+    push: Numbers
+    deflection: Numbers
 
 
 def prepare(settings: EffectSettings, has_stems: bool) -> Effects | None:
@@ -119,14 +120,14 @@ def on_start(effects: Effects | None, state: Record, block: Block) -> None:
         state.push_before = 0.0
         state.stems_met = 0
         state.to_stem = np.inf
-        if effects.stand.form != trees.OFF:
+        if effects.stand.form != OFF:
             state.to_stem = trees.to_next_stem(block.key, 0)
 
 
 @inlined
 def on_path(effects: Effects | None, state: Record, block: Block) -> None:
     """Begin a path that is followed, with the angle by which the block drifts off the descent."""
-    if effects is not None and effects.deflection.form != lateral_deflection.OFF:
+    if effects is not None and effects.deflection.form != OFF:
         lateral_deflection.on_path(effects.deflection, state, block.key)
 
 
@@ -158,16 +159,15 @@ def before_flight(
         state.stems = 0.0
         state.at_stem = False
         state.cut = False
-        if effects.drag.form != air_drag.OFF and effects.drag.step < limit:
-            limit = effects.drag.step
+        if effects.drag.form != OFF and limit > air_drag.DRAG_STEP_S:
+            limit = air_drag.DRAG_STEP_S
             state.cut = True
-        pushed_after = wind.longest_step(effects.push, state)
-        if pushed_after < limit:
-            limit = pushed_after
+        if effects.push.form != OFF and wind.longest_step(state) < limit:
+            limit = wind.longest_step(state)
             state.cut = True
-        if effects.stand.form != trees.OFF:
+        if effects.stand.form != OFF:
             limit = trees.before_flight(effects.stand, state, block, site, gravity, limit)
-        if effects.push.form != wind.OFF:
+        if effects.push.form != OFF:
             wind.push_before(effects.push, state, limit)
         state.energy_from = state.vx * state.vx + state.vz * state.vz + 2.0 * gravity * state.z
         _brake(effects, state, block, 0.5 * limit)
@@ -214,9 +214,9 @@ def after_flight(
             state.vz *= kept
         goes_on = state.cut and not arrived
         # Outside of what is taken back above: the wind gives energy.
-        if effects.push.form != wind.OFF:
+        if effects.push.form != OFF:
             wind.push_after(effects.push, state, limit, until, goes_on)
-        if effects.stand.form != trees.OFF:
+        if effects.stand.form != OFF:
             # A wind may have carried it past the stem.
             path = abs(state.x - state.x_from)
             state.to_stem = max(state.to_stem - state.stem_rate * path, 0.0)
@@ -260,7 +260,7 @@ def before_stretch(
         Path along which they hold (m).
     """
     longest = np.inf
-    if effects is not None and effects.stand.form != trees.OFF:
+    if effects is not None and effects.stand.form != OFF:
         state.x_from = state.x
         pull, longest = trees.before_stretch(effects.stand, state, block, site, pull, ux)
         if trees.brakes(effects.stand, state.stems):
@@ -290,7 +290,7 @@ def after_stretch(effects: Effects | None, state: Record, block: Block, arrived:
     arrived : bool
         Whether it ended before the path that before_stretch returned.
     """
-    if effects is not None and effects.stand.form != trees.OFF:
+    if effects is not None and effects.stand.form != OFF:
         state.to_stem -= state.stem_rate * abs(state.x - state.x_from)
         if state.at_stem and not arrived:
             spin = block.inertia * state.omega * state.omega
@@ -316,7 +316,7 @@ def on_contact(
     ``ground`` is the row of the ground class.
     """
     if effects is not None:
-        if effects.rough.form != roughness.OFF and ground.roughness:
+        if effects.rough.form != OFF and ground.roughness:
             nx, nz = roughness.tilted(
                 effects.rough, block.key, state.impacts, block.radius, state.vx, state.vz, nx, nz
             )
@@ -372,11 +372,11 @@ def on_loss(
     """
     if effects is not None:
         # Spawned blocks entrain no others: a chain would have no end.
-        if not state.spawned and effects.loose.form != entrainment.OFF and ground.entrainment:
+        if not state.spawned and effects.loose.form != OFF and ground.entrainment:
             entrainment.entrain(
                 effects.loose, spawned, block, state.impacts, lost * block.mass, state, here
             )  # fmt: skip
-        if effects.breaking.form != fragmentation.OFF and fragmentation.breaks(
+        if effects.breaking.form != OFF and fragmentation.breaks(
             effects.breaking, block.key, state.impacts, lost
         ):
             return fragmentation.break_up(effects.breaking, spawned, block, state.impacts, state)

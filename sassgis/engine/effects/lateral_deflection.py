@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import math
-from typing import Annotated, ClassVar, Literal, NamedTuple
+from typing import Annotated, ClassVar, Literal
 
 import numpy as np
 from annotated_types import Interval
 
 from sassgis.compiled import rng
 from sassgis.compiled.jit import lean
+from sassgis.engine.effects.forms import Numbers, kernel_form
 from sassgis.engine.rows import Record
 from sassgis.settings.effects import EffectSection
 from sassgis.settings.schema import checked
@@ -43,7 +44,7 @@ class LateralDeflection(EffectSection):
     ] = 15.0
 
 
-OFF, KICKS, CONSTANT = 0, 1, 2
+KICKS, CONSTANT = 1, 2
 
 #: What a block remembers of its hops.
 MEMORY = (
@@ -52,39 +53,28 @@ MEMORY = (
 )
 
 
-class Deflection(NamedTuple):
-    """Lateral deflection as the kernel reads it."""
-
-    form: int
-    angle: float  # (rad)
-    hop: float  # (m)
-    width: float  # share of the length
-
-
-def prepare(settings: LateralDeflection | None) -> Deflection:
-    """Turn the settings into what the kernel reads."""
-    if settings is None:
-        return Deflection(OFF, 0.0, np.inf, 0.0)
-    angle, width = math.radians(settings.angle_deg), settings.width_percent / 100.0
-    kicks = settings.form == "kicks"
-    form = (KICKS if kicks else CONSTANT) if (angle if kicks else width) > 0.0 else OFF
-    return Deflection(form, angle, float(settings.hop_m), width)
+LateralDeflectionNumbers, prepare = kernel_form(
+    LateralDeflection,
+    lambda own: not (own.angle_deg if own.form == "kicks" else own.width_percent) > 0.0,
+)
 
 
 @lean
-def on_path(deflection: Deflection, state: Record, key: np.uint64) -> None:
+def on_path(deflection: Numbers, state: Record, key: np.uint64) -> None:
     """Begin the first hop of a path, or let the block drift as it will all along."""
     if deflection.form == KICKS:
         state.hops = 0
-        state.hop_end = state.x - deflection.hop * math.log(rng.uniform(key, rng.HOP, 0))
+        state.hop_end = state.x - deflection.hop_m * math.log(rng.uniform(key, rng.HOP, 0))
     else:
-        state.drift += math.atan(deflection.width * (rng.uniform(key, rng.DEFLECTION, 0) - 0.5))
+        width = deflection.width_percent / 100.0
+        state.drift += math.atan(width * (rng.uniform(key, rng.DEFLECTION, 0) - 0.5))
 
 
 @lean
-def before_turn(deflection: Deflection, state: Record, key: np.uint64) -> None:
+def before_turn(deflection: Numbers, state: Record, key: np.uint64) -> None:
     """Add the turns after all hops that are over: in flight no block turns."""
+    angle = math.radians(deflection.angle_deg)
     while state.hop_end <= state.x:
-        state.turn += deflection.angle * rng.normal(key, rng.KICK, state.hops)
+        state.turn += angle * rng.normal(key, rng.KICK, state.hops)
         state.hops += 1
-        state.hop_end -= deflection.hop * math.log(rng.uniform(key, rng.HOP, state.hops))
+        state.hop_end -= deflection.hop_m * math.log(rng.uniform(key, rng.HOP, state.hops))

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from typing import Annotated, ClassVar, Literal, NamedTuple
+from typing import Annotated, ClassVar, Literal
 
 import numpy as np
 from annotated_types import Interval
 
 from sassgis.compiled import rng
 from sassgis.compiled.jit import lean
+from sassgis.engine.effects.forms import Numbers, kernel_form
 from sassgis.settings.effects import EffectSection
 from sassgis.settings.schema import checked
 
@@ -37,22 +38,9 @@ class RockShape(EffectSection):
     ] = 1.0
 
 
-OFF, FLAT_LANDING, MEAN_INERTIA = 0, 1, 2
+FLAT_LANDING, MEAN_INERTIA = 1, 2
 
-
-class Shape(NamedTuple):
-    """RockShape as the kernel reads it."""
-
-    form: int
-    strength: float
-
-
-def prepare(settings: RockShape | None) -> Shape:
-    """Turn the settings into what the kernel reads."""
-    if settings is None:
-        return Shape(OFF, 0.0)
-    forms = {"flat_landing": FLAT_LANDING, "mean_inertia": MEAN_INERTIA}
-    return Shape(forms[settings.form], float(settings.strength))
+RockShapeNumbers, prepare = kernel_form(RockShape)
 
 
 @lean
@@ -62,7 +50,7 @@ def tumbling_inertia(a: float, b: float, c: float) -> float:
 
 
 @lean
-def lands_flat(shape: Shape, key: np.uint64, number: int, b: float, c: float) -> bool:
+def lands_flat(shape: Numbers, key: np.uint64, number: int, b: float, c: float) -> bool:
     """Return whether an impact falls on the flat side of the block."""
     if shape.form != FLAT_LANDING:
         return False

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import math
-from typing import Annotated, ClassVar, Literal, NamedTuple
+from typing import Annotated, ClassVar, Literal
 
 import numpy as np
 from annotated_types import Interval
 
 from sassgis.compiled import rng
 from sassgis.compiled.jit import lean
+from sassgis.engine.effects.forms import Numbers, kernel_form
 from sassgis.settings.effects import EffectSection
 from sassgis.settings.schema import Several, Text, checked
 
@@ -38,43 +39,26 @@ class Roughness(EffectSection):
     classes: Annotated[Several[Text], "ground classes that are rough; empty: all"] = ()
 
 
-OFF, UNIFORM, WAVE = 0, 1, 2
+UNIFORM, WAVE = 1, 2
 
-
-class Rough(NamedTuple):
-    """Roughness as the kernel reads it."""
-
-    form: int
-    obstacle: float  # m
-    wavelength: float  # m
-
-
-def prepare(settings: Roughness | None) -> Rough:
-    """Turn the settings into what the kernel reads."""
-    if settings is None or settings.obstacle_m == 0.0:
-        return Rough(OFF, 0.0, 1.0)
-    return Rough(
-        {"uniform": UNIFORM, "wave": WAVE}[settings.form],
-        float(settings.obstacle_m),
-        float(settings.wavelength_m),
-    )
+RoughnessNumbers, prepare = kernel_form(Roughness, lambda own: own.obstacle_m == 0.0)
 
 
 @lean
-def tilt(rough: Rough, key: np.uint64, number: int, radius: float) -> float:
+def tilt(rough: Numbers, key: np.uint64, number: int, radius: float) -> float:
     """Return angle by which the surface that an impact meets is turned (rad), positive uphill."""
     u = rng.uniform(key, rng.TILT, number)
     if rough.form == UNIFORM:
-        return (2.0 * u - 1.0) * math.atan(rough.obstacle / radius)
+        return (2.0 * u - 1.0) * math.atan(rough.obstacle_m / radius)
     # A block that is wider than the wave touches only its crests.
-    bridged = min(rough.wavelength / (2.0 * radius), 1.0)
-    steepest = math.pi * rough.obstacle / rough.wavelength
+    bridged = min(rough.wavelength_m / (2.0 * radius), 1.0)
+    steepest = math.pi * rough.obstacle_m / rough.wavelength_m
     return math.atan(bridged * steepest * math.cos(2.0 * math.pi * u))
 
 
 @lean
 def tilted(
-    rough: Rough,
+    rough: Numbers,
     key: np.uint64,
     number: int,
     radius: float,

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import math
-from typing import Annotated, ClassVar, Literal, NamedTuple
+from typing import Annotated, ClassVar, Literal
 
 from annotated_types import Interval
 
 from sassgis.compiled.jit import lean
+from sassgis.engine.effects.forms import Numbers, kernel_form
 from sassgis.settings.effects import EffectSection
 from sassgis.settings.schema import Several, Text, checked
 
@@ -53,64 +54,39 @@ class SoftGround(EffectSection):
     friction: Annotated[float, Interval(ge=0.0, le=100.0), 'friction of "slip"'] = 0.5
 
 
-OFF, VELOCITY_SCALED, SCAR, SLIP = 0, 1, 2, 3
+VELOCITY_SCALED, SCAR, SLIP = 1, 2, 3
+LU = 0  # of depth_law
 _KPA_PER_MPA = 1e3
 _J_PER_KJ = 1e3
 
-
-class Soft(NamedTuple):
-    """SoftGround as the kernel reads it."""
-
-    form: int
-    reference: float  # m/s
-    modulus: float  # kPa
-    astra: bool
-    depth: float
-    drag: float
-    density: float
-    friction: float
-
-
-def prepare(settings: SoftGround | None) -> Soft:
-    """Turn the settings into what the kernel reads."""
-    if settings is None:
-        return Soft(OFF, 1.0, 1.0, False, 0.0, 0.0, 0.0, 0.0)
-    return Soft(
-        {"velocity_scaled": VELOCITY_SCALED, "scar": SCAR, "slip": SLIP}[settings.form],
-        float(settings.reference_speed_mps),
-        _KPA_PER_MPA * float(settings.modulus_mpa),
-        settings.depth_law == "astra",
-        float(settings.depth_scale),
-        float(settings.drag_coefficient),
-        float(settings.soil_density_kgm3),
-        float(settings.friction),
-    )
+SoftGroundNumbers, prepare = kernel_form(SoftGround)
 
 
 @lean
-def rebound_left(soft: Soft, normal_speed: float) -> float:
+def rebound_left(soft: Numbers, normal_speed: float) -> float:
     """Return the share of the normal rebound that remains (Pfeiffer and Bowen 1989)."""
-    ratio = normal_speed / soft.reference
+    ratio = normal_speed / soft.reference_speed_mps
     return 1.0 / (1.0 + ratio * ratio)
 
 
 @lean
-def scar_depth(soft: Soft, mass: float, radius: float, normal_speed: float) -> float:
+def scar_depth(soft: Numbers, mass: float, radius: float, normal_speed: float) -> float:
     """Return the depth of the scar (m).
 
     After Lu et al. (2019) as another program has it, 0.16 m^¼ M_E^−0.4 v_n^0.8; or m v_n²/F with
     the force of ASTRA 12006 (2008, after Labiouse). Neither was read in its source.
     """
     speed = max(normal_speed, 0.0)
-    if not soft.astra:
-        return float(soft.depth * 0.16 * mass**0.25 * soft.modulus**-0.4 * speed**0.8)
+    modulus = _KPA_PER_MPA * soft.modulus_mpa
+    if soft.depth_law == LU:
+        return float(soft.depth_scale * 0.16 * mass**0.25 * modulus**-0.4 * speed**0.8)
     twice = mass * speed * speed / _J_PER_KJ
     # m v²/F with E^0.6 = (m v²/2)^0.6 in F.
-    return float(soft.depth * twice**0.4 * 2.0**0.6 / (1.765 * soft.modulus**0.4 * radius**0.2))
+    return float(soft.depth_scale * twice**0.4 * 2.0**0.6 / (1.765 * modulus**0.4 * radius**0.2))
 
 
 @lean
-def scar_energy_left(soft: Soft, mass: float, radius: float, normal_speed: float) -> float:
+def scar_energy_left(soft: Numbers, mass: float, radius: float, normal_speed: float) -> float:
     """Return the share of the energy that remains after the drag along the scar.
 
     ½ C ρ A v² over the length of the scar, relative to ½ m v²; A is the segment of a circle of the
@@ -122,12 +98,12 @@ def scar_energy_left(soft: Soft, mass: float, radius: float, normal_speed: float
     section = radius * radius * (half - cosine * math.sin(half))
     chord = 2.0 * radius * math.sin(half)
     # Over the length the speed falls exponentially.
-    return math.exp(-soft.drag * soft.density * section * chord / mass)
+    return math.exp(-soft.drag_coefficient * soft.soil_density_kgm3 * section * chord / mass)
 
 
 @lean
 def after_impact(
-    soft: Soft, mass: float, radius: float, into: float, wt: float, wn: float, omega: float
+    soft: Numbers, mass: float, radius: float, into: float, wt: float, wn: float, omega: float
 ) -> tuple[float, float, float]:
     """Compute velocity and spin after an impact at normal speed ``into`` (m/s) from the others."""
     if soft.form == VELOCITY_SCALED and wn > 0.0:

@@ -5,13 +5,14 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from functools import cache
-from typing import Annotated, ClassVar, Literal, NamedTuple
+from typing import Annotated, ClassVar, Literal
 
 import numpy as np
 from annotated_types import Interval
 
 from sassgis.compiled import rng
 from sassgis.compiled.jit import inlined, lean
+from sassgis.engine.effects.forms import OFF, Numbers, kernel_form
 from sassgis.engine.profile import segment_at, to_cell_border
 from sassgis.engine.rows import Record, Table
 from sassgis.engine.state import Block, Site
@@ -72,7 +73,7 @@ class Trees(EffectSection):
         return self.efficiency > 0.0 and self.height_m > 0.0
 
 
-OFF, STEMS, FULL_STEMS, VISCOUS = 0, 1, 2, 3
+STEMS, FULL_STEMS, VISCOUS = 1, 2, 3
 # A force that takes less slows no block within hours: the speed that it would lead to is no number.
 _LEAST_DRAG_KGPS = 1e-6
 # Share of the speed that the viscous force takes in a step, and the shortest such step.
@@ -106,36 +107,19 @@ MEMORY = (
 )
 
 
-class Drawn(NamedTuple):
-    """Motion along the ground in a forest."""
-
-    pull: float  # acceleration (m/s²)
-    path: float  # along which it holds (m)
+TreesNumbers, _prepare = kernel_form(Trees, lambda own: not own.takes_anything)
 
 
-class Stand(NamedTuple):
-    """Trees as the kernel reads it; the forest stands on the stretches of the profile."""
-
-    form: int
-    efficiency: float
-    drag: float  # kg/s
-    height: float  # m
-
-
-def prepare(settings: Trees | None, has_stems: bool) -> Stand:
+def prepare(settings: Trees | None, has_stems: bool) -> Numbers:
     """Turn the settings into what the kernel reads; ``has_stems``: whether there is any forest."""
-    if settings is None or not settings.takes_anything or not has_stems:
-        return Stand(OFF, 0.0, 0.0, 0.0)
-    return Stand(
-        {"stems": STEMS, "full_stems": FULL_STEMS, "viscous": VISCOUS}[settings.form],
-        energy_ratios()[settings.species] * float(settings.efficiency),
-        float(settings.drag_kgps),
-        float(settings.height_m),
-    )
+    stand = _prepare(settings if has_stems else None)
+    if settings is None:
+        return stand
+    return stand._replace(efficiency=energy_ratios()[settings.species] * stand.efficiency)
 
 
 @lean
-def stems_per_metre(stand: Stand, stems: float, diameter: float, width: float) -> float:
+def stems_per_metre(stand: Numbers, stems: float, diameter: float, width: float) -> float:
     """Return stems that a block of some width meets on a metre of its path in plan.
 
     A stem is met if its axis lies within half the width of block and stem from the path.
@@ -177,7 +161,7 @@ def share_taken(offset: float) -> float:
 
 
 @lean
-def stem_loss(stand: Stand, key: np.uint64, number: int, diameter: float) -> float:
+def stem_loss(stand: Numbers, key: np.uint64, number: int, diameter: float) -> float:
     """Return the energy that a stem of a diameter (m) takes (J)."""
     centimetres = 100.0 * diameter
     most = 38.7 * centimetres**2.31 * stand.efficiency
@@ -187,24 +171,26 @@ def stem_loss(stand: Stand, key: np.uint64, number: int, diameter: float) -> flo
 
 
 @inlined
-def brakes(stand: Stand, stems: float) -> bool:
+def brakes(stand: Numbers, stems: float) -> bool:
     """Return whether a viscous force acts."""
     return stand.form == VISCOUS and stems > 0.0
 
 
 @lean
-def left_by_viscous(stand: Stand, stems: float, mass: float, time: float) -> float:
+def left_by_viscous(stand: Numbers, stems: float, mass: float, time: float) -> float:
     """Return the share of the speed that the viscous forest leaves after a time.
 
     For a negative time it is what gives the speed back; of one that is lost nothing comes back.
     """
     if not brakes(stand, stems):
         return 1.0
-    return math.exp(min(-stand.drag * time / mass, _LARGEST_EXPONENT))
+    return math.exp(min(-stand.drag_kgps * time / mass, _LARGEST_EXPONENT))
 
 
 @lean
-def on_ground(stand: Stand, stems: float, mass: float, speed: float, pull: float) -> Drawn:
+def on_ground(
+    stand: Numbers, stems: float, mass: float, speed: float, pull: float
+) -> tuple[float, float]:
     """Compute how the viscous forest slows a block on straight ground: v' = p − k v/m.
 
     Exact at the end of the path; before it the square of the speed is taken as linear.
@@ -215,8 +201,8 @@ def on_ground(stand: Stand, stems: float, mass: float, speed: float, pull: float
         Speed now (m/s), and acceleration p without the forest (m/s²).
     """
     if not brakes(stand, stems):
-        return Drawn(pull, np.inf)
-    rate = stand.drag / mass
+        return pull, np.inf
+    rate = stand.drag_kgps / mass
     steady = pull / rate
     closed = _SHARE_ON_GROUND * max(speed / max(abs(speed - steady), _SLOWEST), 1.0)
     time = -math.log1p(-min(closed, _MOST_CLOSED)) / rate
@@ -225,10 +211,10 @@ def on_ground(stand: Stand, stems: float, mass: float, speed: float, pull: float
         time = min(time, math.log1p(-speed / steady) / rate)
     path, after = _after(rate, steady, speed, time)
     if path <= 0.0:
-        return Drawn(pull, np.inf)
+        return pull, np.inf
     if after < _SLOWEST and steady <= 0.0:
         after = 0.0
-    return Drawn(0.5 * (after * after - speed * speed) / path, path)
+    return 0.5 * (after * after - speed * speed) / path, path
 
 
 @inlined
@@ -244,7 +230,7 @@ def _after(rate: float, steady: float, speed: float, time: float) -> tuple[float
 
 @lean
 def gain_over(
-    stand: Stand, stems: float, mass: float, speed: float, gain: float, path: float
+    stand: Numbers, stems: float, mass: float, speed: float, gain: float, path: float
 ) -> float:
     """Return, as on_ground, the change of v² of a block that goes on for a path (m), and no stop.
 
@@ -253,7 +239,7 @@ def gain_over(
     if not brakes(stand, stems) or path <= 0.0:
         return gain
     pull = 0.5 * gain / path
-    rate = stand.drag / mass
+    rate = stand.drag_kgps / mass
     steady = pull / rate
     square = speed * speed + gain - 2.0 * rate * speed * path
     time = 2.0 * path / (speed + math.sqrt(max(square, 0.0)))
@@ -267,18 +253,20 @@ def gain_over(
 
 
 @lean
-def longest_step(stand: Stand, stems: float, mass: float) -> float:
+def longest_step(stand: Numbers, stems: float, mass: float) -> float:
     """Return the longest time between two turns of the viscous force (s).
 
     It is a tenth of the speed, or 5 ms.
     """
     if not brakes(stand, stems):
         return np.inf
-    return max(_SHARE_PER_STEP * mass / stand.drag, _SHORTEST_STEP_S)
+    return max(_SHARE_PER_STEP * mass / stand.drag_kgps, _SHORTEST_STEP_S)
 
 
 @lean
-def time_to_height(stand: Stand, above: float, climb: float, gravity: float) -> tuple[bool, float]:
+def time_to_height(
+    stand: Numbers, above: float, climb: float, gravity: float
+) -> tuple[bool, float]:
     """Return whether a block in flight is below the height of the stems, and when that changes (s).
 
     Parameters
@@ -290,7 +278,7 @@ def time_to_height(stand: Stand, above: float, climb: float, gravity: float) -> 
     gravity : float
         (m/s²)
     """
-    over = above - stand.height
+    over = above - stand.height_m
     square = climb * climb + 2.0 * gravity * over
     if over >= 0.0:
         return False, max((climb + math.sqrt(square)) / gravity, _SHORTEST_CUT_S)
@@ -323,7 +311,7 @@ def to_other_forest(stretches: Table, i: int, x: float, direction: int) -> tuple
 
 @lean
 def before_flight(
-    stand: Stand,
+    stand: Numbers,
     state: Record,
     block: Block,
     site: Site,
@@ -365,8 +353,8 @@ def before_flight(
 
 @lean
 def before_stretch(
-    stand: Stand, state: Record, block: Block, site: Site, pull: float, ux: float
-) -> Drawn:
+    stand: Numbers, state: Record, block: Block, site: Site, pull: float, ux: float
+) -> tuple[float, float]:
     """Return the acceleration on the ground until the forest changes or a stem is met."""
     ahead, gap = to_other_forest(site.stretches, state.stretch, state.x, state.direction)
     stretch = site.stretches.rows[ahead]
@@ -376,15 +364,15 @@ def before_stretch(
     state.at_stem = state.stem_rate * gap >= state.to_stem
     if state.at_stem:
         gap = state.to_stem / state.stem_rate
-    drawn = on_ground(stand, stretch.stems, block.mass, state.speed, pull)
-    if drawn.path * ux < gap:
+    pull, path = on_ground(stand, stretch.stems, block.mass, state.speed, pull)
+    if path * ux < gap:
         state.at_stem = False
-        return drawn
-    return Drawn(drawn.pull, gap / ux)
+        return pull, path
+    return pull, gap / ux
 
 
 @lean
-def speed_left_at_stem(stand: Stand, state: Record, key: np.uint64, energy: float) -> float:
+def speed_left_at_stem(stand: Numbers, state: Record, key: np.uint64, energy: float) -> float:
     """Return the share of the speed that remains after the stem that a step has come to.
 
     Parameters

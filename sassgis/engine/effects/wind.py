@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from typing import Annotated, ClassVar, NamedTuple
+from typing import Annotated, ClassVar
 
 import numpy as np
 from annotated_types import Interval
 
 from sassgis.compiled.jit import lean
+from sassgis.engine.effects.forms import Numbers, kernel_form
 from sassgis.engine.rows import Record
 from sassgis.settings.effects import EffectSection
 from sassgis.settings.schema import checked
@@ -31,7 +32,6 @@ class Wind(EffectSection):
     ] = 0.4
 
 
-OFF, STEADY = 0, 1
 #: Longest flight between two pushes of the wind (s), each of which acts as one change of speed.
 WIND_STEP_S = 0.05
 
@@ -41,39 +41,27 @@ MEMORY = (
 )
 
 
-class Push(NamedTuple):
-    """Wind as the kernel reads it."""
-
-    form: int
-    acceleration: float  # m/s²
-    step: float  # longest flight between two pushes (s)
-
-
-def prepare(settings: Wind | None) -> Push:
-    """Turn the settings into what the kernel reads."""
-    if settings is None or settings.acceleration_mps2 == 0.0:
-        return Push(OFF, 0.0, np.inf)
-    return Push(STEADY, float(settings.acceleration_mps2), WIND_STEP_S)
+WindNumbers, prepare = kernel_form(Wind, lambda own: own.acceleration_mps2 == 0.0)
 
 
 @lean
-def longest_step(push: Push, state: Record) -> float:
-    """Return the longest step of a flight (s), infinite without wind.
+def longest_step(state: Record) -> float:
+    """Return the longest step of a flight (s).
 
     The first is half as long and begins without a push: a block that has just left the ground is
     not pushed back into it. Steps then are of second order in their length.
     """
-    return float((0.5 + state.push_before) * push.step)
+    return float((0.5 + state.push_before) * WIND_STEP_S)
 
 
 @lean
-def push_before(push: Push, state: Record, limit: float) -> None:
+def push_before(push: Numbers, state: Record, limit: float) -> None:
     """Push a block before a step of flight of ``limit`` (s)."""
-    state.vx += state.about * push.acceleration * state.push_before * limit
+    state.vx += state.about * push.acceleration_mps2 * state.push_before * limit
 
 
 @lean
-def push_after(push: Push, state: Record, limit: float, until: float, goes_on: bool) -> None:
+def push_after(push: Numbers, state: Record, limit: float, until: float, goes_on: bool) -> None:
     """Push it after the step, which has taken ``until`` (s): the speed gained is exact."""
-    state.vx += state.about * push.acceleration * (until - state.push_before * limit)
+    state.vx += state.about * push.acceleration_mps2 * (until - state.push_before * limit)
     state.push_before = 0.5 if goes_on else 0.0

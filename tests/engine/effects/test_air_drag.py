@@ -92,15 +92,15 @@ def test_the_step_is_of_second_order_and_does_not_matter(monkeypatch):
 def test_two_per_cent_of_the_weight_at_30_cm_and_20_mps():
     # The estimate of Bozzolo and Pamini (1986); a sphere of 0.3 m with C_d 0.43 to 0.5.
     for coefficient, share in ((0.43, 0.018), (0.5, 0.021)):
-        drag = air_drag.Drag(air_drag.CONSTANT, coefficient, 1.1, 0.05)
+        drag = air_drag.prepare(AirDrag(drag_coefficient=coefficient))
         k = air_drag.resistance(drag, 0.15, 0.15, 0.15, sphere_mass(0.15))
         assert k == pytest.approx(factor(0.15, coefficient), rel=1e-12)
         assert k * 20.0**2 / G == pytest.approx(share, abs=5e-4)
 
 
 def test_sphericity():
-    constant = air_drag.Drag(air_drag.CONSTANT, 0.43, 1.1, 0.05)
-    form = air_drag.Drag(air_drag.SPHERICITY, 0.43, 1.1, 0.05)
+    constant = air_drag.prepare(AirDrag())
+    form = air_drag.prepare(AirDrag("sphericity"))
     # A sphere has the 0.43 of a sphere.
     assert air_drag.sphericity(0.4, 0.4, 0.4) == pytest.approx(1.0, abs=1e-14)
     one, other = (air_drag.resistance(d, 0.4, 0.4, 0.4, 700.0) for d in (constant, form))

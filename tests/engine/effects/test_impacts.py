@@ -176,8 +176,7 @@ def test_a_class_that_is_none_is_refused(family):
 
 
 def tilts(form, radius, obstacle=0.05, wavelength=2.0, n=6000):
-    code = {"uniform": roughness.UNIFORM, "wave": roughness.WAVE}[form]
-    rough = roughness.Rough(code, obstacle, wavelength)
+    rough = roughness.prepare(Roughness(form, obstacle, wavelength))
     return np.array([roughness.tilt(rough, np.uint64(k), 1, radius) for k in range(n)])
 
 

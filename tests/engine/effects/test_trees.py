@@ -23,6 +23,7 @@ from scipy import stats
 from scipy.integrate import trapezoid
 
 from sassgis.engine.effects import trees
+from sassgis.engine.effects.forms import OFF
 from sassgis.engine.effects.trees import Trees, energy_ratios
 from sassgis.errors import ConfigError
 from sassgis.settings.effects import EffectSettings
@@ -102,7 +103,7 @@ def test_nothing_is_met_outside_the_stand():
 
 
 def test_a_stem_takes_what_the_formula_says():
-    stand = trees.Stand(trees.FULL_STEMS, 0.5, 0.0, 15.0)
+    stand = trees.prepare(Trees("full_stems", efficiency=0.5), True)
     for dbh in (30.0, 45.2):
         taken = trees.stem_loss(stand, np.uint64(5), 0, 0.01 * dbh)
         assert taken == pytest.approx(0.5 * 38.7 * dbh**2.31, rel=1e-12)
@@ -139,7 +140,7 @@ def test_where_a_stem_is_hit_matters():
     assert share[0] == pytest.approx(0.98, abs=1e-3)
     assert share[-1] == 0.0
     assert trees.share_taken(0.58) == pytest.approx(-0.046 + 0.5 * (0.98 + 0.046), rel=1e-12)
-    stand = trees.Stand(trees.STEMS, 1.0, 0.0, 15.0)
+    stand = trees.prepare(Trees(), True)
     taken = [trees.stem_loss(stand, np.uint64(9), i, 0.3) for i in range(4000)]
     exact = ONE_STEM * trapezoid(share, offsets)
     assert np.mean(taken) == pytest.approx(exact, rel=0.03)
@@ -263,7 +264,7 @@ def test_a_viscous_forest_lets_a_rolling_rock_come_to_its_steady_speed(k):
 def test_hardly_any_viscous_drag_is_none(k):
     stand = trees.prepare(Trees("viscous", drag_kgps=k), has_stems=True)
     # Pull over drag would be no number.
-    assert (stand.form == trees.OFF) == (k < 1e-6)
+    assert (stand.form == OFF) == (k < 1e-6)
     for pull in (-2.0, 0.0, 2.0):
         found = trees.gain_over(stand, 0.01, MASS, 3.0, 3.0 * pull, 1.5)
         assert found == pytest.approx(3.0 * pull, abs=3e-9 + 30.0 * k / MASS)
