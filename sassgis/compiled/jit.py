@@ -41,10 +41,7 @@ F = TypeVar("F", bound=Callable[..., Any])
 
 @functools.cache
 def loaded_numba() -> ModuleType:
-    """Return numba, without the settings that it would take from a file in the current folder.
-
-    It is the first of the large libraries; SassgisError if there is no room for them.
-    """
+    """Return numba, without settings of the current folder; SassgisError without room for it."""
     require_room_for_libraries()
     warnings.filterwarnings("ignore", "A Numba config file is found")
     # Where there is no yaml numba leaves its file alone.
@@ -61,10 +58,7 @@ def loaded_numba() -> ModuleType:
 
 @functools.cache
 def _cache_folder() -> Path | None:
-    """Return the folder of the machine code that belongs to the sources as they stand.
-
-    It is None where none is to be kept.
-    """
+    """Return the folder of machine code of the sources as they stand; None where none is kept."""
     digest = hashlib.sha256()
     for room in _COMPILED_ROOMS:
         for path in sorted((_PACKAGE / room).rglob("*.py")):
@@ -104,10 +98,7 @@ def _user_cache() -> str:
 
 
 def _check_own(folder: Path) -> None:
-    """Refuse a folder that anybody but the user or root can change, as ssh does for its keys.
-
-    OSError names the folder, or the one above it, that is somebody else's or open to others.
-    """
+    """Raise OSError for a folder that others than the user and root can change, as ssh does."""
     user = os.geteuid()
     for place in (folder, *folder.parents):
         found = place.stat()
@@ -134,8 +125,7 @@ def _is_private(group: int) -> bool:
 def kernel(function: F) -> F:
     """Compile a function with numba: without the GIL, IEEE division.
 
-    Compiled code calls it as a separate part. Where Python calls it, machine code is made of it
-    and of all that it calls, and kept (machine_code.py).
+    Where Python calls it, machine code is made of it and of all that it calls, and kept.
     """
     return _part(function, _nrt=True, forceinline=False)
 
@@ -143,8 +133,8 @@ def kernel(function: F) -> F:
 def lean(function: F) -> F:
     """Compile as ``kernel`` does, for a function that makes and returns no arrays or views of them.
 
-    It does not count the references to the arrays that it is given; its caller holds them. In the
-    motion of a block counting them took half of the time. One that makes an array does not compile.
+    It does not count the references to the arrays that it is given; its caller holds them. Counting
+    them took half of the time of the motion. One that makes an array does not compile.
     """
     # Said explicitly: numba takes it over from the first caller else.
     return _part(function, _nrt=False, forceinline=False)
@@ -153,16 +143,15 @@ def lean(function: F) -> F:
 def fused(function: F) -> F:
     """Compile as ``lean`` does, and copy the function to each call however long it is.
 
-    For what is called from one place, and for parts of an inner loop; short ones are copied anyway.
+    For what is called from one place, and for parts of an inner loop.
     """
     return _part(function, _nrt=False, forceinline=True)
 
 
 def inlined(function: F) -> F:
-    """Put in the place of each call before types are found, without separate LLVM code.
+    """Put in the place of each call before types are found.
 
-    For short functions that take what differs from call to call, such as None: the types are found
-    anew at each call. What stands in a kernel counts references at each call, as the kernel does.
+    For short functions that take what differs from call to call, such as None.
     """
     return _part(function, inline="always")
 
@@ -204,10 +193,7 @@ def _entry(function: F, counts: bool) -> F:
 
 
 def _compiled(function: F, *, kept: bool = False, **options: Any) -> F:
-    """Compile with numba; its settings of the cache hold for this package's code.
-
-    ``kept`` is whether the machine code is, by machine_code.py, where it can be.
-    """
+    """Compile with numba, machine code in our folder; ``kept``: as machine_code.py keeps it."""
     numba: Any = loaded_numba()
     config = numba.config
     # Where the machine code is kept is decided here, as the function is decorated.

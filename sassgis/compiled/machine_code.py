@@ -120,11 +120,7 @@ class PartFunction(CPUDispatcher):
 
 
 class _Place:
-    """Machine code of a function lies in a folder named after its module.
-
-    Wherever the package is, equal sources share it; numba's own folders are named after the place
-    of the file.
-    """
+    """A folder named after the module of a function: equal sources share it wherever they are."""
 
     def __init__(self, function: Any, file: str) -> None:
         folder = os.path.join(config.CACHE_DIR, function.__module__)

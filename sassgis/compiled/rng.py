@@ -67,10 +67,7 @@ def normal(key: np.uint64, stream: int, event: int) -> float:
 def combined(
     keys: NDArray[np.uint64], word: int | np.uint64 | IntArray | NDArray[np.uint64]
 ) -> NDArray[np.uint64]:
-    """Return keys of things that are distinguished by a further number, by the same scrambling.
-
-    Keys and words are broadcast.
-    """
+    """Return keys of things that a further number distinguishes; keys and words are broadcast."""
     with np.errstate(over="ignore"):
         z = np.asarray(keys, np.uint64) + (
             np.asarray(word).astype(np.uint64) + np.uint64(1)
@@ -82,10 +79,7 @@ def combined(
 
 
 def word_of(text: str) -> np.uint64:
-    """Return a number that represents a text in the random draws.
-
-    It is the first 64 bits of the text's SHA-256.
-    """
+    """Return a number for a text in the random draws: the first 64 bits of its SHA-256."""
     return np.uint64(int.from_bytes(hashlib.sha256(text.encode()).digest()[:8], "little"))
 
 

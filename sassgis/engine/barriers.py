@@ -120,8 +120,8 @@ def _at_barrier(crossing: Record, energy: float) -> tuple[int, float]:
 def _is_behind(crossings: Table, met: Meeting, crossing: Record) -> bool:
     """Return whether a barrier met lies before a control line, which is then not reached.
 
-    The remaining speed goes on to all lines at the same place, in their order. One that is
-    stopped comes to the stations there, but to no other barrier.
+    The remaining speed goes on to all lines at the same place. One that is stopped comes to the
+    stations there, but to no other barrier.
     """
     if met.line < 0:
         return False
@@ -141,8 +141,8 @@ def _met_too(met: Meeting, line: int, when: float, outcome: int, left: float) ->
 def _comes_to(state: Record, crossing: Record, x_end: float, forward: bool) -> bool:
     """Return whether a block on its way to a chainage (m) comes to a control line.
 
-    A block that was moved back may turn before it comes again to where lines are dealt with:
-    chainages along its new heading are others. A line that it has not passed is then ahead.
+    One that was moved back may turn before it is again where lines are dealt with: chainages along
+    its new heading are others, and a line that it has not passed is ahead.
     """
     if not forward:
         return bool(x_end <= crossing.x < state.lines_from)
@@ -154,9 +154,9 @@ def _comes_to(state: Record, crossing: Record, x_end: float, forward: bool) -> b
 def control_lines_in_flight(
     state: Record, block: Block, site: Site, output: Output, gravity: float, until: float
 ) -> Meeting:
-    """Return stations and barriers that a flight of duration ``until`` (s) comes to.
+    """Return the stations and barriers that a flight of duration ``until`` (s) comes to, before it.
 
-    Passages are written; the state is that at the start of the flight.
+    Passages are written.
     """
     vx = state.vx
     if vx == 0.0:
@@ -226,7 +226,7 @@ def up_to(stretch: Stretch, x: float, share: float) -> Stretch:
 def control_lines_on_ground(
     state: Record, block: Block, site: Site, output: Output, stretch: Stretch, ux: float, uz: float
 ) -> Meeting:
-    """Return stations and barriers that a stretch in the direction (ux, uz) comes to.
+    """Return the stations and barriers that a stretch in the direction (ux, uz) comes to.
 
     Passages are written.
     """

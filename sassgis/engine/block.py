@@ -53,18 +53,9 @@ def simulate_block(
     effects: hooks.Effects | None,
     path: Path | None,
 ) -> None:
-    """Simulate one block from its start to its end.
+    """Simulate one block, from the state that start_released or start_spawned has set, to its end.
 
-    Parameters
-    ----------
-    state : a row of hooks.BLOCK_DTYPE
-        As start_released or start_spawned leave it; changed in place.
-    output : Output
-        Filled.
-    effects : Effects, optional
-        None for the model of 1986 only.
-    path : Path, optional
-        None for a block that stays on the profile of the site.
+    ``effects`` is None for the model of 1986 only, ``path`` for a block that stays on the profile.
     """
     hooks.on_start(effects, state, block)
     move(state, block, site, output, physics, effects, path, np.inf)

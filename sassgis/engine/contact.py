@@ -75,8 +75,8 @@ def _vertex_from(
 ) -> float:
     """Return from when on a block may touch the vertex between two segments (s).
 
-    It is approached there along a normal between those of the segments, so towards the line of one
-    of them at least, and is at both lines; not before ``touched`` is it at that of ``here``.
+    It comes near along a normal between those of the segments, so towards the line of one at least,
+    and is at both lines; not before ``touched`` is it at that of ``here``.
     """
     if flying.gravity == 0.0:
         return -np.inf
@@ -190,7 +190,7 @@ def next_contact(
     near: int,
     skip_to: int,
 ) -> Contact:
-    """Return the first contact of a flying block with a profile.
+    """Return the first contact of a flying block with a profile: of two at once the faster one.
 
     Parameters
     ----------
@@ -204,11 +204,6 @@ def next_contact(
         Segments that the block has just left, with their vertices: up to and including ``skip_to``
         if it moves to the right, from it on if it moves to the left; -1 for none. They can stop
         only its round core, of radius b.
-
-    Returns
-    -------
-    Contact
-        Of two contacts at the same time, the one approached faster.
     """
     n = profile.n[0]
     vx = flying.vx
@@ -337,21 +332,11 @@ def resting_height(
     profile: Table,
     near: int,
 ) -> float:
-    """Return the height of the centre of an ellipse let down on the profile at chainage x (m).
+    """Return the height of the centre of an ellipse that lies on the profile at chainage x (m).
 
-    The largest of the heights at which it touches a segment within its ends, or a vertex.
-
-    Parameters
-    ----------
-    x, theta, a, b : float
-        Chainage (m), angle of the major axis (rad), semi-axes (m).
-    near : int
-        A segment near x, to start looking from.
-
-    Returns
-    -------
-    float
-        Minus infinity where there is no ground below.
+    The largest of the heights at which it touches a segment within its ends, or a vertex; minus
+    infinity where there is no ground below. ``theta`` is the angle of the major axis (rad),
+    ``near`` a segment near x.
     """
     ct, st = cos_sin(theta)
     reach = math.sqrt(a * a * ct * ct + b * b * st * st)

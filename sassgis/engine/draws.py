@@ -30,11 +30,11 @@ def _draw_volume(key: np.uint64, low: float, high: float, exponent: float) -> fl
 
 @lean
 def draw_block(low: Record, high: Record, key: np.uint64) -> Block:
-    """Draw one block between limits (rows of model.blocks.LIMITS_DTYPE).
+    """Draw one block between limits (rows of settings.blocks.LIMITS_DTYPE).
 
     The three semi-axes are drawn and sorted; the two longer ones lie in the plane of motion, so
-    that the spin is about the shortest, and the third sets the mass. Where the volume is drawn as
-    well, the axes give the shape only.
+    that the spin is about the shortest. Where the volume is drawn too, the axes give the shape
+    only.
     """
     p = rng.between(key, rng.AXIS_1, 0, low.axis_1_m, high.axis_1_m)
     q = rng.between(key, rng.AXIS_2, 0, low.axis_2_m, high.axis_2_m)

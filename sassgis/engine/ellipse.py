@@ -9,31 +9,17 @@ from sassgis.compiled.jit import fused, kernel, lean
 
 @lean
 def inertia(a: float, b: float) -> float:
-    """Return the moment of inertia per unit mass about the axis normal to the plane (m²).
-
-    It is (a² + b²)/5.
-    """
+    """Return the moment of inertia per unit mass normal to the plane, (a² + b²)/5 (m²)."""
     return 0.2 * (a * a + b * b)
 
 
 @lean
 def contact_frame(a: float, b: float, theta: float) -> tuple[float, float, float]:
-    """Return the centre as seen from the point of contact, in local axes.
+    """Return the centre as seen from the point of contact, in local axes (m).
 
-    Parameters
-    ----------
-    a, b : float
-        Semi-axes in the plane, a >= b (m).
-    theta : float
-        Angle of the major axis, counter-clockwise from the local tangent (rad).
-
-    Returns
-    -------
-    x, y : float
-        Along the tangent and along the outward normal (m). y is the support function of the ellipse
-        and x its derivative.
-    curvature : float
-        Second derivative of y (m).
+    Its distance x along the tangent and y along the outward normal, and the curvature: y is the
+    support function of the ellipse, x its derivative and the curvature its second derivative.
+    ``theta`` is the angle of the major axis, counter-clockwise from the tangent (rad).
     """
     return frame_of(a, b, math.sin(theta), math.cos(theta))
 
@@ -81,7 +67,7 @@ _QUARTER_3 = 5.39030285815811905290e-15
 
 @fused
 def cos_sin(angle: float) -> tuple[float, float]:
-    """Return cosine and sine of an angle (rad) together, as part of the machine code of its caller.
+    """Return cosine and sine of an angle (rad) together.
 
     Reduction by multiples of π/2 in three parts (Cody and Waite 1980) and the polynomials of fdlibm
     (k_sin.c, k_cos.c; Sun Microsystems 1993): within 2.3e-16 of the exact values.

@@ -56,10 +56,7 @@ class Flying(NamedTuple):
 
 @inlined
 def _until_closed(gap: float, rate: float, bend: float) -> float:
-    """Compute the first time after 0 at which gap + rate t − bend t²/2 is zero.
-
-    It is infinite if there is none.
-    """
+    """Return the first time after 0 at which gap + rate t − bend t²/2 is zero, or infinity."""
     root2 = rate * rate + 2.0 * bend * gap
     if root2 < 0.0:
         return np.inf
@@ -74,12 +71,8 @@ def _open_for(
 ) -> tuple[float, float]:
     """Return how long (s, or infinite) a gap surely stays open, and its largest width then.
 
-    Parameters
-    ----------
-    gap, rate, bend : float
-        The gap (m), its first and minus its second derivative now.
-    jerk, most : float
-        Bounds of the size of its third and of minus its second derivative at any time.
+    ``gap``, ``rate`` and ``bend`` are the gap (m), its first and minus its second derivative now;
+    ``jerk`` and ``most`` bound the size of its third and minus its second derivative at any time.
     """
     # Until the parabola of now closes the third derivative bends it by so much at most.
     closed = _until_closed(gap, rate, bend)
@@ -104,14 +97,8 @@ def contact_with_segment(
 ) -> tuple[float, bool, float]:
     """Return first time in [start, end] at which a flying block touches a segment between its ends.
 
-    Parameters
-    ----------
-    start, end, tolerance
-        As for next_contact.
-    ground : a row of VERTEX_DTYPE
-        The segment.
-    length : float
-        Of the segment (m).
+    Times and tolerance are as for next_contact, ``ground`` is the segment and ``length`` its
+    length.
 
     Returns
     -------
@@ -252,24 +239,11 @@ def _outside(
     tx: float,
     tz: float,
 ) -> tuple[float, float, float]:
-    """Return gap between an ellipse and the nearer end of a segment, in the axes of the segment.
+    """Return the gap (m) between an ellipse and the nearer end of a segment, in the segment's axes.
 
-    Parameters
-    ----------
-    u, w : float
-        Centre along and across the segment (m).
-    c, s : float
-        Direction of the major axis in the same axes.
-    a, b, length : float
-        Semi-axes, length of the segment (m).
-    run, approach, omega, gravity, tx, tz : float
-        Velocity in the same axes, spin, gravity and tangent.
-
-    Returns
-    -------
-    gap, rate, bound : float
-        The gap (m), -1 if the ellipse meets the segment; its rate (m/s) and the bound of its second
-        derivative (m/s²).
+    Of (u, w) the centre, (c, s) the direction of the major axis, (run, approach) the velocity in
+    the same axes; (tx, tz) is their tangent. The gap is -1 if the ellipse meets the segment; with
+    it come its rate (m/s) and the bound of its second derivative (m/s²).
     """
     # Ends of the segment in the frame of the ellipse, scaled to the unit circle.
     p1 = (-u * c - w * s) / a
@@ -296,25 +270,8 @@ def vertex_gap(
 ) -> tuple[float, float, float, float]:
     """Measure the gap from an ellipse to a point along the normal of the ellipse scaled to it.
 
-    Parameters
-    ----------
-    x, z : float
-        Centre (m).
-    cos_t, sin_t : float
-        Direction of the major axis.
-    a, b : float
-        Semi-axes (m).
-    px, pz : float
-        The point (m).
-
-    Returns
-    -------
-    gap : float
-        (m), negative inside.
-    nx, nz : float
-        The direction, from the point to the block.
-    lever : float
-        Tangential distance of the centre from the point of contact (m).
+    Returns the gap (m), negative inside; the direction from the point to the block; and the
+    tangential distance of the centre from the point of contact (m).
     """
     dx = px - x
     dz = pz - z
@@ -338,19 +295,8 @@ def contact_with_vertex(
 ) -> tuple[float, float, float]:
     """Return the first time in [start, end] at which a flying block touches a convex vertex.
 
-    Parameters
-    ----------
-    start, end, tolerance
-        As for next_contact.
-    behind, vertex : rows of VERTEX_DTYPE
-        The vertex before, with the segment that ends at this one, and this one.
-
-    Returns
-    -------
-    t : float
-        Infinite if there is no contact.
-    nx, nz : float
-        Normal of the ellipse there.
+    Infinite if there is none; with it the normal of the ellipse there. Times and tolerance are as
+    for next_contact, ``behind`` is the vertex before.
     """
     x, z, vx, vz, theta, omega, a, b, gravity = flying
     px = vertex.x
@@ -420,10 +366,7 @@ def _vertex_counts(
     t1x: float,
     t1z: float,
 ) -> bool:
-    """Return whether a block that reaches a vertex touches it.
-
-    It must be approaching, and between the segments.
-    """
+    """Return whether a block at a vertex touches it: it comes nearer, and between the segments."""
     if approach >= -1e-12 or rate > 0.0:
         return False
     return nx * t0x + nz * t0z >= -1e-9 and nx * t1x + nz * t1z <= 1e-9

@@ -84,8 +84,7 @@ def place(state: Record, x: float) -> tuple[float, float]:
 def gradient(path: Path, u: float, v: float, radius: float) -> tuple[float, float, bool]:
     """Return the terrain's slope along u and v at block scale (m per m), and whether it is known.
 
-    Central differences over its diameter, or over a cell if that is longer; where the terrain ends
-    on one side, one-sided.
+    Central differences over its diameter, or a cell if that is longer; at an edge one-sided.
     """
     step = exact(max(radius / path.cell_size, 0.5))
     east = terrain_height(path, u + step, v)
@@ -127,14 +126,8 @@ def begin_profile(
 ) -> None:  # fmt: skip
     """Begin the profile at the present chainage, on a plane through height z (m) there.
 
-    Parameters
-    ----------
-    slope : float
-        Rise of the plane per metre ahead.
-    ground : int
-        Class of the ground that the block stands on, or that it has come to.
-    behind : int
-        How many vertices keep_behind has kept; 0: the plane goes on behind the block.
+    ``slope`` is the rise of the plane per metre ahead, ``ground`` the class of the ground,
+    ``behind`` how many vertices keep_behind has kept; 0: the plane goes on behind the block.
     """
     state.sampled = state.x
     state.open = True
@@ -240,9 +233,9 @@ def look_ahead(
     """Sample the ground ahead to a chainage (m); under a flight also to where it has landed.
 
     At first the plane goes on on which the profile began, until a sample lies farther from it than
-    the tolerance. Then segments are as long as all samples stay within the tolerance of them: each
-    sample narrows the cone of slopes from the last vertex, and where none remains the sample before
-    makes a vertex. Of the slopes in the cone that of the terrain is taken.
+    the tolerance. Then each sample narrows the cone of slopes from the last vertex, and where none
+    remains the sample before makes a vertex. Of the slopes in the cone that of the terrain is
+    taken.
     """
     if _full(site):
         _forget_behind(state, block, site)
@@ -273,7 +266,7 @@ def look_ahead(
 
 
 class _Lines(NamedTuple):
-    """The lines ahead, through centres of cells, where the terrain has a kink, and of borders.
+    """The next lines through centres of cells, where the terrain has a kink, and borders of cells.
 
     And the chainages at which they are met (m), infinite where they are not.
     """
@@ -456,12 +449,8 @@ def _along_plane(
 ) -> None:
     """Go on to the next sample on the plane, or end it where the terrain has left it.
 
-    Parameters
-    ----------
-    limit : float
-        Largest gap (m).
-    least : float
-        Chainage up to which the plane goes on whatever the gap (m).
+    ``limit`` is the largest gap (m), ``least`` the chainage up to which the gap does not matter
+    (m).
     """
     profile = site.profile
     on_plane = state.plane_z + state.plane_slope * (after.end - state.from_x)
@@ -590,9 +579,8 @@ def _cross_lines(state: Record, site: Site, path: Path, begin: float, end: float
 def _keep_crossings(state: Record, site: Site) -> None:
     """Keep the stations and barriers that a new profile would not find, or find again.
 
-    A block that goes on along the ground may have been moved over some, which it has still to pass.
-    Where it stands at one, by what is rounded it may be found behind the block or ahead of it: one
-    that it has met must not be met again, and no other be lost.
+    A block may have been moved over some, which it has still to pass. One at which it stands may,
+    by what is rounded, be behind or ahead of it: it must not be met again, and no other be lost.
     """
     crossings = site.crossings
     near = _SAME_CROSSING_M

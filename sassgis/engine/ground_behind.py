@@ -19,12 +19,11 @@ _LEAST_WALL = 0.5
 
 @lean
 def keep_behind(state: Record, block: Block, site: Site, at: int, back: bool, rise: float) -> int:
-    """Keep the ground behind a block for the next profile where it is a wall.
+    """Keep the ground behind a block for the next profile where it is a wall; how many vertices.
 
     A block between two walls would fall out of its pit if the plane of one went on through the
     other. Where the ground behind rises little above the plane, or falls away from it, the plane
-    goes on instead: the foot of a block on a slope is behind its centre, and it moves on along the
-    plane without meeting each small vertex again.
+    goes on instead: a block on a slope moves on along it without meeting each small vertex again.
 
     Parameters
     ----------
@@ -34,11 +33,6 @@ def keep_behind(state: Record, block: Block, site: Site, at: int, back: bool, ri
         Whether the block turns about: behind it lies what was ahead.
     rise : float
         By how much the slope of the plane grows (m per m); what is behind turns with it.
-
-    Returns
-    -------
-    int
-        How many vertices are kept, the last of them where the plane begins.
     """
     profile = site.profile
     n = profile.n[0]

@@ -133,8 +133,8 @@ def _look_ahead(
 ) -> Ahead:
     """Find how far a block rolls or slides before something else begins, and what.
 
-    ``pull`` is its acceleration (m/s²), ``fade`` how that falls (1/m), as in resistance.py;
-    ``tips_at`` the speed at which it tips over (m/s).
+    ``pull`` is its acceleration (m/s²), ``fade`` how that falls (1/m), ``tips_at`` the speed at
+    which it tips over (m/s).
     """
     profile = site.profile
     here = profile.rows[state.segment]
@@ -207,10 +207,7 @@ def _advance(
     pull: float,
     fade: float,
 ) -> None:
-    """Move a block over a stretch of some length (m), and record what it passes.
-
-    ``pull`` is its acceleration at the start (m/s²), ``fade`` how that falls (1/m).
-    """
+    """Move a block over a stretch of some length (m), and record what it passes."""
     here = site.profile.rows[state.segment]
     direction = state.direction
     v2, dv2 = stretch.speed2, stretch.gain
@@ -324,10 +321,7 @@ def _gains(
     fade: float,
     friction: float,
 ) -> Stretch:
-    """Return squares of speed and spin over a stretch.
-
-    ``friction`` is its force per unit mass (m/s²).
-    """
+    """Return squares of speed and spin over a stretch; ``friction`` is per unit mass (m/s²)."""
     v2 = state.speed * state.speed
     spin2 = state.omega * state.omega
     dspin2 = 0.0

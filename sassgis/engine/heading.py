@@ -200,14 +200,8 @@ def turn_heading(
 
     The block keeps its place in plan, its velocity along and off the ground, its spin and its
     orientation to the ground; what its centre is raised or lowered by is taken from its speed. One
-    that moves backwards is turned about, so that it always moves ahead.
-
-    Parameters
-    ----------
-    gu, gv : float
-        Slope of the terrain at the scale of the block along u and v (m per m).
-    known : bool
-        Whether it is; else both are 0, and the plane stays as steep.
+    that moves backwards is turned about, so that it always moves ahead. (gu, gv) is the gradient of
+    the terrain at the scale of the block, if ``known``; else 0, and the plane stays as steep.
     """
     at = segment_at(site.profile, state.x, state.segment)
     here = site.profile.rows[at]
@@ -344,7 +338,7 @@ def after_impact(
 ) -> None:
     """Turn the heading as an impact does; ``into`` is the normal speed before it (m/s).
 
-    ``hard`` is whether it was an impact: a soft landing meets no separate spot.
+    A soft landing, which is not ``hard``, meets no separate spot.
     """
     if state.phase == END or state.phase == IMPACT:
         return
@@ -403,9 +397,8 @@ def before_ground(
 ) -> tuple[float, float]:
     """Turn the heading as far as is due, and look how far the ground may be followed.
 
-    Returns the square of the slope of the terrain at the scale of the block, and the angle from the
-    heading to the descent, to the right (rad). Where a block has turned to, the ground may be far
-    below it: then it is in flight.
+    Returns the square of the slope of the terrain at block scale, and the angle from the heading to
+    the descent, to the right (rad). Where a block has turned to, it may be in flight.
     """
     u, v = place(state, state.x)
     gu, gv, known = gradient(path, u, v, block.radius)
@@ -458,9 +451,9 @@ def _straight_on(
     kappa: float,
     aside: float,
 ) -> float:
-    """Return step on the ground, longer where the heading stays as it is; ``aside`` of the descent.
+    """Return the step on the ground (m), doubled while the slope of the terrain is the same ahead.
 
-    Twice as long again and again while the slope of the terrain is the same at its end.
+    ``aside`` is the angle from the descent (rad).
     """
     same2 = _SAME_SLOPE * _SAME_SLOPE * (gu * gu + gv * gv)
     most = min(LONGEST_STEP * step, min(_BEND_PER_STEP, _TURN / max(aside, 1e-9)) / kappa)
@@ -483,7 +476,7 @@ def _bending(gravity: float, steep2: float, level2: float) -> float:
 
 @lean
 def _bent(angle: float, kappa_s: float) -> float:
-    """Return by how much an angle to the descent falls over a length, times κ (rad).
+    """Return by how much an angle to the descent falls over κ times a length (rad).
 
     The angle may be more than half a turn: the block turns the shorter way.
     """
@@ -496,10 +489,7 @@ def _bent(angle: float, kappa_s: float) -> float:
 
 @inlined
 def _angle_to(state: Record, gu: float, gv: float, cell_size: float) -> float:
-    """Return the angle from heading to descent as the block sees it, to the right.
-
-    It is 0 on level ground (rad).
-    """
+    """Return the angle from the heading to the descent as the block sees it, to the right (rad)."""
     if gu * gu + gv * gv <= 1e-12:
         return 0.0
     tu, tv = _downhill(state, gu, gv)
@@ -518,16 +508,10 @@ def after_ground(
     level: float,
     level_after: float,
 ) -> None:
-    """Let the heading turn towards the descent over a stretch on the ground.
+    """Let the heading turn towards the descent over a stretch on the ground that began at x (m).
 
-    Parameters
-    ----------
-    steep2, descent : float
-        At its start, as before_ground returns them.
-    x : float
-        Chainage of its start (m).
-    level, level_after : float
-        Horizontal speed at its start and end (m/s).
+    ``steep2`` and ``descent`` are as before_ground returned them, ``level`` and ``level_after`` the
+    horizontal speeds at its start and end (m/s).
     """
     # What has moved backwards is turned about before it goes on.
     if steep2 > 1e-12 and state.x > x:
@@ -549,10 +533,7 @@ def stays_on_known(state: Record, site: Site) -> None:
 
 @inlined
 def wedged(state: Record) -> bool:
-    """Return whether a block has not come on for so many stretches.
-
-    Between walls it turns on the spot.
-    """
+    """Return whether a block between walls has not come on for so many stretches."""
     if abs(state.x - state.stuck_x) > _NO_WAY_M:
         state.stuck_x = state.x
         state.stuck = 0

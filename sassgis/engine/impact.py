@@ -20,10 +20,7 @@ RULES = {"scale": SCALE, "coulomb": COULOMB, "restitution": RESTITUTION}
 
 @lean
 def energy_kept(x: float, y: float, inertia: float, vx: float, vy: float, omega: float) -> float:
-    """Return η_min: share of the kinetic energy kept when P becomes the centre of rotation.
-
-    Equation (6). 1 for a block that does not move.
-    """
+    """Return η_min, equation (6): share of the energy kept where the block turns about P."""
     before = inertia * omega * omega + vx * vx + vy * vy
     if before == 0.0:
         return 1.0
@@ -35,10 +32,7 @@ def energy_kept(x: float, y: float, inertia: float, vx: float, vy: float, omega:
 def turn_about_contact(
     x: float, y: float, inertia: float, vx: float, vy: float, omega: float
 ) -> tuple[float, float, float]:
-    """Return the spin and velocity after an impact that keeps the angular momentum about P.
-
-    Equations (3) to (5). Returns (v_x, v_y, ω).
-    """
+    """Return (v_x, v_y, ω) with the angular momentum about P kept: equations (3) to (5)."""
     after = (inertia * omega + y * vx - x * vy) / (inertia + x * x + y * y)
     return y * after, -x * after, after
 
@@ -47,10 +41,10 @@ def turn_about_contact(
 def slip_at_contact(
     x: float, y: float, inertia: float, vx: float, vy: float, omega: float, mu: float
 ) -> tuple[float, float, float]:
-    """Return impact without rebound of P in which friction holds the contact only up to μ.
+    """Return (v_x, v_y, ω) after an impact without rebound in which friction μ holds P, if it can.
 
     Where the impulse that brings P to rest lies outside the friction cone, P slides on and the
-    impulse lies on the cone. Returns (v_x, v_y, ω).
+    impulse lies on the cone.
     """
     slip = vx - y * omega
     approach = vy + x * omega
@@ -138,18 +132,10 @@ def rebound_at_contact(
 def held_back(vx: float, ploughing: float, impulse: float) -> float:
     """Return speed along the ground after what the ground, yielding, pushes back (m/s).
 
-    The impulse ploughing × normal impulse acts at the centre, against its way: it stops the block
-    at most, and leaves its spin. Blocks observed at Chant Sura lose speed along the ground without
-    gaining spin, steep impacts more than grazing ones: docs/studies/contacts.md.
-
-    Parameters
-    ----------
-    vx : float
-        After rebound and friction at P (m/s).
-    ploughing : float
-        Impulse against the way over the normal impulse.
-    impulse : float
-        Normal impulse per unit mass (m/s).
+    The impulse ploughing × normal impulse (per unit mass, m/s) acts at the centre, against its way
+    ``vx`` after rebound and friction: it stops the block at most, and leaves its spin. Blocks
+    observed at Chant Sura lose speed along the ground without gaining spin, steep impacts more than
+    grazing ones: docs/studies/contacts.md.
     """
     return math.copysign(max(abs(vx) - ploughing * impulse, 0.0), vx)
 
@@ -185,11 +171,10 @@ def soft_landing(
     omega: float,
     resistance: float,
 ) -> tuple[float, float, float]:
-    """Compute turn_about_contact, less what rolling would take.
+    """Return (v_x, v_y, ω) of turn_about_contact, less what rolling would take.
 
-    Rolling friction takes the energy μ_r (1 + I/r²) N along the path, N the normal force; here the
-    normal impulse takes the place of the force over time. So landing softly costs what rolling
-    costs. Without resistance, μ_r (1 + I/r²), that of 1986. Returns (v_x, v_y, ω).
+    Rolling friction takes the energy μ_r (1 + I/r²) N along the path; here the normal impulse takes
+    the place of the force N over time. ``resistance`` is μ_r (1 + I/r²), 0 for the words of 1986.
     """
     wx, wy, spin = turn_about_contact(x, y, inertia, vx, vy, omega)
     if resistance == 0.0:
@@ -215,7 +200,7 @@ def impact(
     ploughing: float = 0.0,
     growth: float = 0.0,
 ) -> tuple[float, float, float]:
-    """Return velocity and spin after an impact: limited to η_max, or with RESTITUTION held back.
+    """Return (v_x, v_y, ω) after an impact: limited to η_max, or with RESTITUTION held back.
 
     Parameters
     ----------
@@ -231,17 +216,9 @@ def impact(
         SCALE, COULOMB or RESTITUTION.
     mu : float
         Friction of the ground, for COULOMB and RESTITUTION.
-    e, halved_at : float
-        For RESTITUTION: as restitution_at takes them.
-    ploughing : float
-        For RESTITUTION: as held_back() takes it.
-    growth : float
-        For RESTITUTION: μ_v/(g d) (s²/m²), resistance.growth.
-
-    Returns
-    -------
-    vx, vy, omega : float
-        After the impact.
+    e, halved_at, ploughing, growth : float
+        For RESTITUTION: as restitution_at and held_back take them; μ_v/(g d) (s²/m²),
+        rolling.growth.
     """
     if rule == RESTITUTION:
         if vy + x * omega >= 0.0:

@@ -356,10 +356,7 @@ def spawned_block(spawned_row: Record, density: float, key: np.uint64, number: i
 
 @lean
 def open_row(row: Record, line: int, number: int, spawned: int, start: float) -> None:
-    """Write which block a row is about, and the chainage at which it starts (m).
-
-    ``spawned`` is the number of a block that the released block has spawned, 0 for itself.
-    """
+    """Write which block a row is about, and the chainage at which it starts (m)."""
     row.line = line
     row.rock = number
     row.piece = spawned
@@ -376,10 +373,7 @@ def finish_block(
     stops: IntArray,
     cells: CellWork,
 ) -> int:
-    """Write what became of a block: its row, its passages and its stop.
-
-    Returns the cell in which it stops; -1 for none.
-    """
+    """Write the row, the passages and the stop of a block; returns the cell of its stop, or -1."""
     row.reason = state.reason
     row.runout_m = state.x
     row.runout_z_m = state.z

@@ -86,10 +86,7 @@ def _varied_normal(state: Record, block: Block, site: Site, vt: float) -> tuple[
 
 @lean
 def _resistance(block: Block, ground: Record, speed: float, growing: float) -> float:
-    """Return (μ_r + μ_v v²/(g d)) (1 + I/r²).
-
-    This is the energy that rolling takes, over normal force and path.
-    """
+    """Return (μ_r + μ_v v²/(g d)) (1 + I/r²): energy of rolling over normal force and path."""
     mu_r = rolling_friction(block, ground)
     return float(block.roll_share * (mu_r + growing * speed * speed))
 
@@ -111,19 +108,10 @@ def _rebound(
 ) -> bool:
     """Change the velocity by an impact; whether it breaks the block.
 
-    Parameters
-    ----------
-    ct, st : float
-        Cosine and sine of its angle.
-    vt : float
-        Velocity along the ground (m/s).
-    energy : float
-        Kinetic energy before (J/kg).
-    as_circle : bool
-        Whether the block is met as the circle as which it rolls: the roughness of the ground is
-        then in the rolling friction, and its slope is not varied.
-    round_m : float
-        Radius of the circle as which the block is met (m), 0 for the ellipse.
+    ``ct`` and ``st`` are cosine and sine of its angle, ``vt`` its velocity along the ground (m/s),
+    ``energy`` its kinetic energy before (J/kg). Of one that is met ``as_circle``, as which it
+    rolls, the roughness of the ground is in the rolling friction, and its slope is not varied.
+    ``round_m`` is the radius of the circle as which it is met (m), 0 for the ellipse.
     """
     state.impacts += 1
     here = site.profile.rows[state.segment]
@@ -269,9 +257,9 @@ def _radius_met(state: Record, block: Block) -> float:
 
 @inlined
 def _leaves(physics: Physics, as_circle: bool, wn: float, contact: float, low: float) -> bool:
-    """Return whether an impact with these final normal speeds of centre and contact starts flight.
+    """Return whether these final normal speeds of centre and contact start a flight (m/s).
 
-    ``low`` is the square of the speed below which a rebound of only the contact does not count.
+    ``low`` is the square of that below which a rebound of only the contact does not count.
     """
     if physics.eta_rule == RESTITUTION and contact > 1e-12 and contact * contact >= low:
         return True
@@ -282,7 +270,7 @@ def _leaves(physics: Physics, as_circle: bool, wn: float, contact: float, low: f
 def _leave_as_ellipse(state: Record, block: Block) -> None:
     """Turn a block that leaves a corner so that it touches the ground there as its circle does.
 
-    Of the orientations in which it does, the one whose flank recedes.
+    Of the two orientations the one whose flank recedes.
     """
     a2 = block.a * block.a
     b2 = block.b * block.b
@@ -352,10 +340,7 @@ def _slide_or_rest(
     foot_x: float,
     foot_z: float,
 ) -> None:
-    """Let a block slide as it lies, if it can.
-
-    One that would have to rise first, and has not the energy, is wedged.
-    """
+    """Let a block slide as it lies, if it can; one that would have to rise first is wedged."""
     here = profile.rows[state.segment]
     ct, st = cos_sin(state.theta)
     _, support, _ = frame_of(

@@ -25,8 +25,7 @@ STRAIGHT = 1e-9
 def profile_of(s: FloatArray, z: FloatArray, ground: NDArray[np.int32]) -> Table:
     """Return the segments between vertices (VERTEX_DTYPE).
 
-    Chainage ``s`` (m) rises; ``ground`` is the position in the ground table of the segment that
-    starts at the vertex.
+    Chainage ``s`` (m) rises; ``ground`` is the class of the segment that starts at the vertex.
     """
     n = s.size
     rows = np.zeros(n, VERTEX_DTYPE)
@@ -86,16 +85,8 @@ def stretches_of(
 ) -> Table:  # fmt: skip
     """Return stretches of cells, cut at the vertices (STRETCH_DTYPE).
 
-    Parameters
-    ----------
-    cell_s : float64, shape (n_cells + 1,)
-        Borders of the cells along the profile (m).
-    stems, diameter : float64, shape (n_cells,)
-        Stems per square metre and their diameter at breast height (m).
-    on_map : float64, shape (n_cells + 1, 2)
-        Borders of the cells on the map: u, v.
-    s : float64, shape (n,)
-        Chainage of the vertices (m).
+    ``cell_s`` are the borders of the cells along the profile (m), ``on_map`` the same on the map
+    (u, v), one more than cells; ``s`` is the chainage of the vertices (m).
     """
     rows = np.zeros(cell.size + s.size + 2, STRETCH_DTYPE)
     i = 0

@@ -37,10 +37,7 @@ STRETCH_DTYPE = record_type(
 
 
 class CellWork(NamedTuple):
-    """Records of one block in each cell of a chunk.
-
-    What is touched together lies together, so that the processor fetches it at once.
-    """
+    """Records of one block in each cell of a chunk; what is touched together lies together."""
 
     peak: NDArray[np.float64]  # (n, N_RECORDED), columns as above
     touched: NDArray[np.int64]  # cells in the order in which they were entered
@@ -48,10 +45,7 @@ class CellWork(NamedTuple):
 
 
 def empty_work(n_cells: int, chords: bool) -> CellWork:
-    """Return room for what a block does in the cells of a chunk.
-
-    If wanted, there is also room for its path across each.
-    """
+    """Return room for what a block does in cells and, if wanted, for its paths there."""
     return CellWork(
         np.full((n_cells, N_RECORDED), -1.0),
         np.zeros(n_cells, np.int64),
@@ -119,8 +113,7 @@ def _pass(
 ) -> tuple[float, float]:
     """Note the path of a block across stretch i from (u, v) on; returns where it leaves.
 
-    Within a cell the path is taken as straight between the ends that are kept: those farthest from
-    each other, where it turns back.
+    Within a cell it is taken as straight between the ends farthest from each other.
     """
     ahead = stretches.rows[i + 1] if step > 0 else stretches.rows[i]
     u_end, v_end = _on_map(stretches, i, x_end) if inside else (ahead.u, ahead.v)
@@ -161,27 +154,21 @@ def record_flight(
     rest: float,
     profile: Table,
 ) -> tuple[int, int, float]:
-    """Record the cells under a flight.
+    """Record the cells under a flight of a duration ``until`` (s) from time t since the release on.
 
     Parameters
     ----------
     n_touched, i : int
-        Cells touched so far; the stretch under the centre.
-    x, z, vx, vz : float
-        State at the start of the flight.
+        Cells touched so far; the stretch under the centre. Both are returned, as they are then.
     spin_energy : float
         Per unit mass (J/kg).
-    gravity, until : float
-        (m/s²), duration (s).
-    t : float
-        Time since the release at the start of the flight (s).
     rest : float
         The shorter semi-axis (m): over cos β it is the resting height.
 
     Returns
     -------
     top : float
-        Greatest passing height (m).
+        Last of three: greatest passing height (m).
     """
     n = stretches.n[0]
     i = stretch_at(stretches, x, i)
@@ -248,7 +235,7 @@ def record_stop(
 ) -> int:
     """Record the cell of stretch i, where a block comes to rest; returns the cells touched.
 
-    A block that lands softly is put where it rolls or slides: no path leads into that cell.
+    One that lands softly is put where it rolls or slides: no path leads into that cell.
     """
     cell = stretches.rows[i].cell
     if work.peak[cell, ENERGY] >= 0.0:
@@ -278,20 +265,16 @@ def record_ground(
     steady: float,
     fade: float,
 ) -> tuple[int, int]:
-    """Record the cells under a stretch of rolling or sliding.
+    """Record the cells under a stretch of rolling or sliding from chainage x to x_end (m).
 
     Parameters
     ----------
-    x, x_end : float
-        Chainage of the centre at both ends (m).
     v2, dv2 : float
         Speed squared at the start, and its change over the whole stretch (m²/s²).
     spin, dspin : float
         Rotational energy per unit mass at the start, and its change (J/kg).
-    chord : float
-        Chainage of the whole stretch, positive (m).
-    length : float
-        Distance along the ground of the whole stretch (m).
+    chord, length : float
+        Chainage, positive, and distance along the ground of the whole stretch (m).
     t : float
         Time since the release at the start (s).
     steady, fade : float

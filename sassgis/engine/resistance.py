@@ -32,10 +32,7 @@ def gained(pull: float, fade: float, path: float) -> float:
 
 @lean
 def path_to(pull: float, fade: float, change: float) -> float:
-    """Return the path over which v² changes by some amount of the sign of ``pull`` (m).
-
-    It is infinite if it never does.
-    """
+    """Return the path over which v² changes by some amount (m), infinite if it never does."""
     x = -fade * change / pull
     if x <= -1.0:
         return math.inf
@@ -46,10 +43,7 @@ def path_to(pull: float, fade: float, change: float) -> float:
 
 @lean
 def share_gained(share: float, fading: float) -> float:
-    """Return the share of the change of v² after a share of a path.
-
-    ``fading`` is 2 κ times all of it.
-    """
+    """Return the share of the change of v² after a share of a path of the length fading/(2 κ)."""
     if fading < _STRAIGHT:
         return share
     return math.expm1(-fading * share) / math.expm1(-fading)

@@ -29,19 +29,13 @@ _MOST_STEPS = 60
 
 @lean
 def rolling_friction(block: Block, ground: Record) -> float:
-    """Return μ_r = μ_0 + k d*/d, equation (2), d the diameter of the block.
-
-    It is multiplied by a factor of the block.
-    """
+    """Return μ_r = μ_0 + k d*/d, equation (2), times the factor of the block; d is its diameter."""
     return float(block.drag * (ground.mu_0 + ground.k * ground.d_star_m / (2.0 * block.radius)))
 
 
 @inlined
 def growth(block: Block, ground: Record, physics: Physics) -> float:
-    """Return μ_v/(g d) times the factor of the block.
-
-    This is the resistance over normal force, by v² (s²/m²).
-    """
+    """Return μ_v/(g d) times the factor of the block, the resistance by v² (s²/m²)."""
     if physics.eta_rule != RESTITUTION:
         return 0.0
     return float(block.drag * ground.mu_v / (2.0 * block.radius * physics.gravity))
@@ -117,10 +111,7 @@ def _force_before_upright(block: Block, way: Way, angle: float) -> tuple[float, 
 
 @lean
 def lift_off_angle(block: Block, way: Way) -> float:
-    """Compute the angle (rad) before the upright at which a rolling ellipse leaves the ground.
-
-    The largest angle before the upright at which the normal force ends, 0 if only there.
-    """
+    """Return the angle before the upright at which a rolling ellipse leaves the ground (rad)."""
     high = min(_WIDEST, way.first / block.roll_radius)
     at_high, _ = _force_before_upright(block, way, high)
     if at_high <= 0.0:
@@ -208,12 +199,12 @@ def rolling_stretch(
 ) -> tuple[float, int, float]:
     """Return the distance that a block rolls until the segment ends, it stops, slides or lifts off.
 
+    With the kind of its end, and with LIFT_OFF how long before it stands upright (rad).
+
     Parameters
     ----------
     theta : float
         Angle of the major axis to the segment (rad).
-    direction : int
-        1 to the right, -1 to the left.
     v, pull, fade : float
         As in Way.
     cos_slope, down : float
@@ -222,13 +213,6 @@ def rolling_stretch(
         Distance to, and kind of, what ends the stretch otherwise.
     as_ellipse, end_sliding : bool
         Whether the ellipse may lift off, and whether it may end by sliding.
-
-    Returns
-    -------
-    length : float
-        (m)
-    angle : float
-        With LIFT_OFF, how long before it stands upright (rad).
     """
     a, roll_radius = block.a, block.roll_radius
     angle = 0.0

@@ -61,18 +61,10 @@ _RECORDS_OF_PASSAGES = np.dtype((np.record, PASSAGE_DTYPE))
 
 @dataclass(frozen=True, slots=True)
 class Visits:
-    """Visits of blocks to cells, for their histograms.
+    """Visits of blocks to cells, for their histograms."""
 
-    Attributes
-    ----------
-    visits : uint64, shape (n,)
-        As statistics.by_cell returns them.
-    place : int32
-        Position in the cells of the result of each cell as the visits count them.
-    """
-
-    visits: NDArray[np.uint64]
-    place: NDArray[np.int32]
+    visits: NDArray[np.uint64]  # as statistics.by_cell returns them
+    place: NDArray[np.int32]  # in the cells of the result, of each cell as the visits count them
 
     def add_to(
         self, histograms: tuple[NDArray[np.uint32], ...], row: NDArray[np.int32], weight: int = 1

@@ -255,20 +255,9 @@ def same_event(state: Record, physics: Physics) -> None:
 def trajectory(
     log: NDArray[np.void], gravity: float, step_s: float = 0.02
 ) -> tuple[FloatArray, FloatArray]:
-    """Return the path of the centre of a block.
+    """Return the path of the centre of a block, chainage and height (m), from its event log.
 
-    Parameters
-    ----------
-    log : EVENT_DTYPE, shape (n,)
-    gravity : float
-        (m/s²)
-    step_s : float
-        Time between two points of a flight (s).
-
-    Returns
-    -------
-    s, z : float64, shape (m,)
-        Chainage and height (m): parabolas in flight, straight lines on the ground.
+    A point each ``step_s`` (s) of a flight, straight lines on the ground.
     """
     if log.size == 0:
         return np.empty(0), np.empty(0)

@@ -185,10 +185,7 @@ def empty_totals(
 
 @lean
 def _bin_of(bins: FlatBins, which: int, value: float) -> int:
-    """Return the bin that holds a value.
-
-    ``which`` is the number of the histogram, that of all for the highest threshold that is reached.
-    """
+    """Return the bin of a histogram that holds a value, after all the highest threshold reached."""
     key = (np.float64(value).view(np.int64) >> (52 - _DIGITS)) - _FIRST_KEY
     i = np.int64(bins.guess[which, min(max(key, 0), bins.guess.shape[1] - 1)])
     first = bins.first[which]
@@ -253,11 +250,11 @@ def end_stratum(reach: Exceedance) -> None:
 
 
 class Wanted(NamedTuple):
-    """Where it is worth to know more, as in model.map_run.Worth.
+    """Where it is worth to know more, as in settings.map_run.Worth.
 
-    Filled is ``found``, for each stratum: what its blocks leave open, by what it is worth to know
-    it. That is the sum over windows and energies of worth · k (n - k), k of the n blocks of the
-    stratum having come there with the energy: n - 1 times worth times the variance of k.
+    Filled is ``found``: the sum over windows and energies of worth · k (n - k), k of the n blocks
+    of a stratum having come there with the energy. That is n - 1 times worth times the variance of
+    k.
     """
 
     energy: NDArray[np.int64]  # rising
@@ -350,8 +347,7 @@ def passed_cells(work: CellWork, n_touched: int, last: int) -> int:
     """Keep the cells for which a block counts; returns their number.
 
     They are those whose centre it passes within half a cell, and the ``last``, where it stops (-1:
-    nowhere). So a cell is as wide in all directions, while a square is wider across its corners.
-    On lines that are not on a map a block counts for all cells.
+    nowhere): so a cell is as wide in all directions. On lines off a map it counts for all cells.
     """
     if work.chord.shape[0] == 0:
         return n_touched
@@ -417,9 +413,9 @@ def add_visits(
     counts: tuple[NDArray[np.uint32], ...],
     weight: int,
 ) -> None:
-    """Add visits, each of which counts ``weight`` times, to the histograms of their cells.
+    """Add visits, those of a cell together, ``weight`` times each to the histograms.
 
-    Those of a cell are together; ``row`` is that of each cell in ``counts``.
+    ``row`` is that of each cell in ``counts``.
     """
     for k in range(visits.size):
         visit = visits[k]

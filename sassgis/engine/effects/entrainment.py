@@ -97,8 +97,8 @@ def entrain(
 ) -> None:
     """Set blocks of the ground in motion with part of the energy that an impact took (J).
 
-    They leave the ground on which they lie flat, under the block that hit it: without a height they
-    get the one at which they rest.
+    They leave the ground on which they lie flat, under the block that hit it: the height -inf
+    stands for that at which they rest.
     """
     n = blocks_entrained(loose, block.key, number, lost)
     if n == 0:

@@ -31,7 +31,8 @@ def kernel_form(
     choices = {key: get_args(of) for key, of in plain.items() if get_origin(of) is Literal}
     keys = [key for key, of in plain.items() if key in choices or of in (float, int)]
     fields = ["form", *(key for key in keys if key != "form")]
-    made: Any = namedtuple(f"{kind.__name__}Numbers", fields, module=kind.__module__)  # type: ignore[misc]
+    name = f"{kind.__name__}Numbers"
+    made: Any = namedtuple(name, fields, module=kind.__module__)  # type: ignore[misc]
 
     def number(key: str, given: Any) -> Any:
         if key in choices:

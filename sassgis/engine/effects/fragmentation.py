@@ -89,7 +89,7 @@ def breaks(breaking: Numbers, key: np.uint64, number: int, lost: float) -> bool:
 
 @lean
 def most_fragments(breaking: Numbers, volume: float) -> int:
-    """Count the most fragments that a volume (m³) can have, none of them below the smallest.
+    """Count the most fragments of a volume (m³), none of them below the smallest.
 
     One more than there is room for counts as too many.
     """
@@ -99,24 +99,13 @@ def most_fragments(breaking: Numbers, volume: float) -> int:
 
 @lean
 def shares(breaking: Numbers, key: np.uint64, number: int, volume: float, out: FloatArray) -> int:
-    """Return shares of the volume of the fragments, largest first; they add up to 1.
+    """Fill ``out`` with the shares of fragments in a volume (m³), largest first, that add up to 1.
 
     Of "fractal" the i-th is in proportion to Γ_i^(-1/b), Γ_i the i-th point of a Poisson process
     with the rate 1: N(> V) follows V^-b without a lower end, and the largest scatter as in nature.
     The list ends before a fragment that would be below the smallest; those on it share the volume,
-    what the law has below the smallest included.
-
-    Parameters
-    ----------
-    volume : float
-        Of the whole (m³).
-    out : float64, shape (at least most_fragments,)
-        Filled.
-
-    Returns
-    -------
-    int
-        Fragments; 0 if they are fewer than two: the block stays whole.
+    what the law has below the smallest included. Returns how many fragments there are, 0 if fewer
+    than two: the block stays whole.
     """
     n = out.size
     if breaking.form == THRESHOLD:
@@ -144,19 +133,10 @@ def shares(breaking: Numbers, key: np.uint64, number: int, volume: float, out: F
 def sideways_speeds(
     breaking: Numbers, key: np.uint64, number: int, n: int, share: FloatArray, out: FloatArray
 ) -> float:
-    """Return sideways speeds of the fragments over their common speed ahead.
+    """Fill ``out`` with the sideways speeds of n fragments over their common speed ahead.
 
-    No sideways momentum is made: the mean over the masses is taken off.
-
-    Parameters
-    ----------
-    share, out : float64, shape (at least n,)
-
-    Returns
-    -------
-    float
-        Common speed ahead over the speed of the whole: with the sideways motion and the loss the
-        fragments together have 1 − loss of its energy.
+    No sideways momentum is made: the mean over the masses is taken off. Returns the common speed
+    ahead over that of the whole: the fragments together have 1 − loss of its energy.
     """
     mean = 0.0
     for i in range(n):
@@ -182,13 +162,9 @@ def angles_aside(
     vx: FloatArray,
     out: FloatArray,
 ) -> None:
-    """Compute the angles in plan (rad) between the paths of the fragments and that of the whole.
+    """Fill ``out`` with the angles in plan (rad) between the paths of n fragments and of the whole.
 
     No lateral momentum arises: with the speeds ``vx`` along their paths, Σ m v_x sin(angle) = 0.
-
-    Parameters
-    ----------
-    share, vx, out : float64, shape (at least n,)
     """
     mean = 0.0
     weights = 0.0

@@ -23,16 +23,7 @@ GROUND_DTYPE = record_type(
 def ground_rows(table: GroundTable, classes: dict[str, Sequence[str]]) -> Records:
     """Return the ground table as the kernel reads it: GROUND_DTYPE, shape (n_classes,).
 
-    Parameters
-    ----------
-    table : GroundTable
-    classes : dict of str to sequence of str
-        Ground classes of each effect that acts; no names are all classes.
-
-    Raises
-    ------
-    ConfigError
-        A name is no ground class.
+    ``classes`` are those of each effect that acts, as classes_on takes them.
     """
     parameters = table.rows()
     rows = np.zeros(parameters.size, GROUND_DTYPE)
@@ -46,10 +37,7 @@ def ground_rows(table: GroundTable, classes: dict[str, Sequence[str]]) -> Record
 def classes_on(names: Sequence[str], table: GroundTable, effect: str) -> NDArray[np.bool_]:
     """Return whether each ground class is among the names; no names are all classes.
 
-    Raises
-    ------
-    ConfigError
-        A name is no ground class.
+    ConfigError: a name is no ground class.
     """
     known = table.names
     for name in names:

@@ -64,11 +64,7 @@ class Effects(NamedTuple):
 def prepare(settings: EffectSettings, has_stems: bool) -> Effects | None:
     """Return effects for the kernel; None if none is on.
 
-    Parameters
-    ----------
-    settings : EffectSettings
-    has_stems : bool
-        Whether there is any forest on the cells of the chunk.
+    ``has_stems`` is whether there is any forest on the cells of the chunk.
     """
     if not settings.on:
         return None
@@ -147,10 +143,9 @@ def before_flight(
     gravity: float,
     longest: float,
 ) -> float:
-    """Begin a step of flight: the longest time (s) that it may take.
+    """Return the longest time (s) that the step of flight that begins may take.
 
-    Half of what acts all the time acts before the step and the rest after it: second order in its
-    length.
+    Half of what acts all the time acts before the step and the rest after it: second order.
     """
     limit = longest
     if effects is not None:
@@ -196,12 +191,8 @@ def after_flight(
 ) -> bool:
     """End a step of flight; whether the same flight goes on.
 
-    Parameters
-    ----------
-    limit, until : float
-        Time that the step might have taken and has taken (s).
-    arrived : bool
-        Whether it ended at the ground or a barrier.
+    ``limit`` and ``until`` are the times that the step might have taken and has taken (s),
+    ``arrived`` is whether it ended at the ground or a barrier.
     """
     if effects is not None:
         kept = _brake(effects, state, block, until - 0.5 * limit)
@@ -241,23 +232,10 @@ def before_stretch(
     fade: float,
     ux: float,
 ) -> tuple[float, float, float]:
-    """Begin a stretch of rolling or sliding.
+    """Begin a stretch of rolling or sliding on ground of a slope with the cosine ``ux``.
 
-    Parameters
-    ----------
-    pull : float
-        Acceleration along the ground without effects (m/s²).
-    fade : float
-        How it falls (1/m), as in resistance.py.
-    ux : float
-        Cosine of the slope.
-
-    Returns
-    -------
-    pull, fade : float
-        (m/s², 1/m)
-    longest : float
-        Path along which they hold (m).
+    Takes the acceleration without effects (m/s²) and how it falls (1/m: resistance.py); returns
+    both with effects, and the path along which they hold (m).
     """
     longest = np.inf
     if effects is not None and effects.stand.form != OFF:
@@ -272,7 +250,7 @@ def before_stretch(
 def gain_over(
     effects: Effects | None, state: Record, block: Block, gain: float, path: float
 ) -> float:
-    """Return the change of v² over a path (m) that the stretch turned out to take, without a stop.
+    """Return the change of v² over a path (m) that a stretch without a stop turned out to take.
 
     ``gain`` is that without effects (m²/s²).
     """
@@ -283,13 +261,7 @@ def gain_over(
 
 @inlined
 def after_stretch(effects: Effects | None, state: Record, block: Block, arrived: bool) -> None:
-    """End a stretch of rolling or sliding.
-
-    Parameters
-    ----------
-    arrived : bool
-        Whether it ended before the path that before_stretch returned.
-    """
+    """End a stretch; ``arrived``: before the path that before_stretch returned."""
     if effects is not None and effects.stand.form != OFF:
         state.to_stem -= state.stem_rate * abs(state.x - state.x_from)
         if state.at_stem and not arrived:
@@ -311,10 +283,7 @@ def on_contact(
     rule: int,
     friction: float,
 ) -> tuple[float, float, int, float]:
-    """Return the surface that an impact meets: its normal, the rule of impact and the friction.
-
-    ``ground`` is the row of the ground class.
-    """
+    """Return the surface that an impact meets: its normal, the rule of impact and the friction."""
     if effects is not None:
         if effects.rough.form != OFF and ground.roughness:
             nx, nz = roughness.tilted(
@@ -361,14 +330,8 @@ def on_loss(
 ) -> bool:
     """Spawn blocks where an impact took energy (J/kg); whether the block itself is broken.
 
-    Parameters
-    ----------
-    state : Record
-        After the impact.
-    spawned : Table
-        Added to.
-    here, ground : a row of VERTEX_DTYPE, a row of GROUND_DTYPE
-        The segment that was hit, and its ground class.
+    ``state`` is that after the impact; ``here`` and ``ground`` are the segment that was hit and its
+    ground class.
     """
     if effects is not None:
         # Spawned blocks entrain no others: a chain would have no end.

@@ -42,29 +42,14 @@ Hook = Literal[
 
 @dataclass(frozen=True, slots=True)
 class Effect:
-    """One effect.
+    """One effect."""
 
-    Attributes
-    ----------
-    settings : type
-        Declared settings (``sassgis.settings.schema``), with the name of the effect.
-    phase : {"release", "flight", "impact", "ground", "path"}
-        Of the motion in which it acts; "path": on the heading, where paths are followed.
-    label : str
-        Its name in a sentence.
-    summary : str
-        What it does, to follow "the gap is best explained by".
-    hooks : tuple of str
-        Hooks of the motion on which it acts.
-    place : type or None
-        More declared settings of its section, which say where it acts and are read into a map.
-    """
-
-    settings: type[EffectSection]
-    phase: Phase
-    label: str
-    summary: str
-    hooks: tuple[Hook, ...]
+    settings: type[EffectSection]  # with the name of the effect
+    phase: Phase  # of the motion in which it acts; "path": on the heading of followed paths
+    label: str  # its name in a sentence
+    summary: str  # what it does, to follow "the gap is best explained by"
+    hooks: tuple[Hook, ...]  # of the motion on which it acts
+    # More settings of its section, which say where it acts and are read into a map.
     place: type[Section] | None = None
 
     @property

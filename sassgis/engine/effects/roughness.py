@@ -69,7 +69,7 @@ def tilted(
 ) -> tuple[float, float]:
     """Tilt the ground's normal to that of the surface met by an impact with velocity (vx, vz).
 
-    The ground's normal where the tilted surface would stand on its head or face away.
+    Not where the tilted surface would stand on its head or face away.
     """
     turn = tilt(rough, key, number, radius)
     # A positive tilt faces the block, from whichever side it comes.

@@ -71,7 +71,7 @@ def rebound_left(soft: Numbers, normal_speed: float) -> float:
 
 @lean
 def scar_depth(soft: Numbers, mass: float, radius: float, normal_speed: float) -> float:
-    """Return the depth of the scar (m).
+    """Return the depth of the scar (m) at a normal speed (m/s).
 
     After Lu et al. (2019) as another program has it, 0.16 m^¼ M_E^−0.4 v_n^0.8; or m v_n²/F with
     the force of ASTRA 12006 (2008, after Labiouse). Neither was read in its source.

@@ -27,8 +27,8 @@ def spawn(
 ) -> None:
     """Add a block ``size`` times as long as its parent, at a time since the release (s).
 
-    ``aside`` (rad) is the angle in plan, positive to the right, between its path and the parent's;
-    a run along a profile does not use it. One without room is counted only.
+    ``aside`` (rad) is the angle in plan, positive to the right, between its path and the parent's,
+    for followed paths. One without room is counted only.
     """
     i = spawned.n[0]
     spawned.n[0] = i + 1

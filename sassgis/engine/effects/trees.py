@@ -120,16 +120,10 @@ def prepare(settings: Trees | None, has_stems: bool) -> Numbers:
 
 @lean
 def stems_per_metre(stand: Numbers, stems: float, diameter: float, width: float) -> float:
-    """Return stems that a block of some width meets on a metre of its path in plan.
+    """Return the stems that a block of some width (m) meets on a metre of its path in plan.
 
-    A stem is met if its axis lies within half the width of block and stem from the path.
-
-    Parameters
-    ----------
-    stems, diameter : float
-        Stems per square metre; their diameter at breast height (m).
-    width : float
-        (m)
+    A stem is met if its axis lies within half the width of block and stem from the path. ``stems``
+    are per m², of a diameter at breast height (m).
     """
     if stand.form == OFF or stand.form == VISCOUS:
         return 0.0
@@ -146,15 +140,10 @@ def to_next_stem(key: np.uint64, number: int) -> float:
 def share_taken(offset: float) -> float:
     """Return the share of the energy of a stem that a hit takes, by its distance from the middle.
 
-    Dorren and Berger (2006), with the constants as Rockyfor3D has them (not checked
-    against the source).
-
-    Parameters
-    ----------
-    offset : float
-        Distance of the path from the axis of the stem over the largest at which it is met; 0 to 1.
-        The tests behind the formula have half the diameter of the stem in its place: a block that
-        is much wider than the stem then counts as a smaller one.
+    Dorren and Berger (2006), with the constants as Rockyfor3D has them (not checked against the
+    source). ``offset`` is the distance of the path from the axis of the stem over the largest at
+    which it is met, 0 to 1. The tests behind the formula have half the diameter of the stem in its
+    place: a block that is much wider than the stem then counts as a smaller one.
     """
     share = -0.046 + (0.98 + 0.046) / (1.0 + 10.0 ** ((0.58 - offset) * -8.007))
     return float(min(max(share, 0.0), 1.0))
@@ -191,14 +180,10 @@ def left_by_viscous(stand: Numbers, stems: float, mass: float, time: float) -> f
 def on_ground(
     stand: Numbers, stems: float, mass: float, speed: float, pull: float
 ) -> tuple[float, float]:
-    """Compute how the viscous forest slows a block on straight ground: v' = p − k v/m.
+    """Return the acceleration of a block in a viscous forest (m/s²), and for how long a path (m).
 
-    Exact at the end of the path; before it the square of the speed is taken as linear.
-
-    Parameters
-    ----------
-    speed, pull : float
-        Speed now (m/s), and acceleration p without the forest (m/s²).
+    From v' = p − k v/m, p being the ``pull`` without the forest: exact at the end of the path;
+    before it the square of the speed is taken as linear.
     """
     if not brakes(stand, stems):
         return pull, np.inf
@@ -254,10 +239,7 @@ def gain_over(
 
 @lean
 def longest_step(stand: Numbers, stems: float, mass: float) -> float:
-    """Return the longest time between two turns of the viscous force (s).
-
-    It is a tenth of the speed, or 5 ms.
-    """
+    """Return the longest time between two turns of the viscous force (s)."""
     if not brakes(stand, stems):
         return np.inf
     return max(_SHARE_PER_STEP * mass / stand.drag_kgps, _SHORTEST_STEP_S)
@@ -269,14 +251,7 @@ def time_to_height(
 ) -> tuple[bool, float]:
     """Return whether a block in flight is below the height of the stems, and when that changes (s).
 
-    Parameters
-    ----------
-    above : float
-        Height of its centre above straight ground (m).
-    climb : float
-        How fast that grows (m/s).
-    gravity : float
-        (m/s²)
+    ``above`` is the height of its centre above straight ground (m), ``climb`` how fast it grows.
     """
     over = above - stand.height_m
     square = climb * climb + 2.0 * gravity * over
@@ -291,8 +266,7 @@ def time_to_height(
 def to_other_forest(stretches: Table, i: int, x: float, direction: int) -> tuple[int, float]:
     """Find the stretch ahead of a block in a direction, and how far its forest goes on (m).
 
-    To the next vertex at most: there the height above the ground changes otherwise. Of a long
-    straight slope a few cells are looked at.
+    To the next vertex at most: there the height above the ground changes otherwise.
     """
     i, gap = to_cell_border(stretches, i, x, direction)
     here = stretches.rows[i]
@@ -373,13 +347,7 @@ def before_stretch(
 
 @lean
 def speed_left_at_stem(stand: Numbers, state: Record, key: np.uint64, energy: float) -> float:
-    """Return the share of the speed that remains after the stem that a step has come to.
-
-    Parameters
-    ----------
-    energy : float
-        Kinetic energy of the block (J).
-    """
+    """Return the share of the speed that a stem leaves of a kinetic energy (J)."""
     taken = stem_loss(stand, key, state.stems_met, state.diameter)
     state.stems_met += 1
     state.to_stem = to_next_stem(key, state.stems_met)
