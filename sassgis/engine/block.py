@@ -6,20 +6,12 @@ import numpy as np
 
 from sassgis.compiled import rng
 from sassgis.compiled.jit import fused, lean
+from sassgis.engine import heading
 from sassgis.engine.contact import resting_height
 from sassgis.engine.effects import hooks
 from sassgis.engine.flight import flight
 from sassgis.engine.ground_ahead import Path, note_passages
 from sassgis.engine.ground_motion import ground_motion, tips
-from sassgis.engine.heading import (
-    after_ground,
-    after_impact,
-    before_flight,
-    before_ground,
-    place_spawned,
-    stays_on_known,
-    wedged,
-)
 from sassgis.engine.landing import land
 from sassgis.engine.profile import angle_of, segment_at, stretch_from
 from sassgis.engine.rolling import rolling_friction
@@ -60,7 +52,7 @@ def simulate_block(
     hooks.on_start(effects, state, block)
     move(state, block, site, output, physics, effects, path, np.inf)
     if path is not None:
-        stays_on_known(state, site)
+        heading.stays_on_known(state, site)
     if state.reason == REST and not state.moved:
         state.reason = NEVER_STARTED
     state.vx = 0.0
@@ -87,7 +79,7 @@ def move(
             end(state, STEP_LIMIT)
         elif state.phase == FLIGHT:
             if path is not None:
-                before_flight(state, block, site, path, physics)
+                heading.before_flight(state, block, site, path, physics)
             flight(state, block, site, output, physics, effects)
         elif state.phase == IMPACT:
             into = -(state.vx * state.nx + state.vz * state.nz)
@@ -95,20 +87,22 @@ def move(
             spawned = output.spawned.n[0]
             land(state, block, site, output, physics, effects)
             if path is not None:
-                stays_on_known(state, site)
-                place_spawned(state, output.spawned, spawned)
+                heading.stays_on_known(state, site)
+                heading.place_spawned(state, output.spawned, spawned)
                 hooks.before_turn(effects, state, block)
-                after_impact(state, block, site, path, physics, into, state.impacts > impacts)
+                heading.after_impact(
+                    state, block, site, path, physics, into, state.impacts > impacts
+                )
         elif path is not None:
             hooks.before_turn(effects, state, block)
-            steep2, descent = before_ground(state, block, site, path, physics)
+            steep2, descent = heading.before_ground(state, block, site, path, physics)
             if state.phase != FLIGHT:
                 x = state.x
                 level = state.speed * site.profile.rows[state.segment].tx
                 ground_motion(state, block, site, output, physics, effects)
-                stays_on_known(state, site)
-                after_ground(state, physics, steep2, descent, x, level, abs(state.vx))
-            if wedged(state):
+                heading.stays_on_known(state, site)
+                heading.after_ground(state, physics, steep2, descent, x, level, abs(state.vx))
+            if heading.wedged(state):
                 end_at_rest(state, block)
         else:
             ground_motion(state, block, site, output, physics, effects)

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
 
 from sassgis.compiled.jit import fused, inlined, lean
+from sassgis.engine import rolling
 from sassgis.engine.barriers import (
     Stretch,
     after_barrier,
@@ -21,19 +21,6 @@ from sassgis.engine.landing import FIRST_TURN, rolling_place
 from sassgis.engine.profile import STRAIGHT, along, angle_of, turn
 from sassgis.engine.recording import record_ground
 from sassgis.engine.resistance import gained, path_to, time_over
-from sassgis.engine.rolling import (
-    GROUND_AHEAD,
-    LIFT_OFF,
-    PART,
-    PROFILE_END,
-    SEGMENT_END,
-    STOP,
-    TO_ROLLING,
-    TO_SLIDING,
-    growth,
-    rolling_friction,
-    rolling_stretch,
-)
 from sassgis.engine.rows import Record
 from sassgis.engine.state import (
     FLIGHT,
@@ -53,16 +40,6 @@ from sassgis.engine.state import (
 
 # Gap at which a block that moves along the ground touches ground ahead of it (m).
 _TOUCH = 1e-11
-
-
-class Ahead(NamedTuple):
-    """How a stretch of rolling or sliding goes on."""
-
-    length: float  # (m)
-    x_end: float  # chainage (m)
-    ends_by: int  # one of the kinds in rolling.py
-    lift: float  # with LIFT_OFF, how long before the ellipse stands upright (rad)
-    segment: int  # that is met, -1 for none
 
 
 @lean
@@ -92,7 +69,7 @@ def _tip(state: Record, block: Block, site: Site, gravity: float, down: float) -
     foot_x = here.x + u * here.tx
     foot_z = here.z + u * here.tz
     needed = gravity * (foot_z + radius * here.tx - state.z)
-    mu_r = rolling_friction(block, ground)
+    mu_r = rolling.rolling_friction(block, ground)
     if down < mu_r * here.tx:
         if down > ground.mu_f * here.tx:
             # It would gain speed sliding and lose it rolling, in turn and without end.
@@ -117,7 +94,7 @@ def _friction(state: Record, block: Block, site: Site) -> float:
     """Return the friction on the segment under a block that rolls or slides."""
     ground = site.grounds[site.profile.rows[state.segment].ground]
     if state.phase == ROLLING:
-        return rolling_friction(block, ground)
+        return rolling.rolling_friction(block, ground)
     return float(ground.mu_f)
 
 
@@ -130,8 +107,11 @@ def _look_ahead(
     pull: float,
     fade: float,
     tips_at: float,
-) -> Ahead:
+) -> tuple[float, float, int, float, int]:
     """Find how far a block rolls or slides before something else begins, and what.
+
+    Returns the length (m), the chainage at its end (m), one of the kinds in rolling.py, with
+    LIFT_OFF how long before the ellipse stands upright (rad), the segment that is met or -1.
 
     ``pull`` is its acceleration (m/s²), ``fade`` how that falls (1/m), ``tips_at`` the speed at
     which it tips over (m/s).
@@ -144,28 +124,28 @@ def _look_ahead(
     v = state.speed
     u = along(profile, state.segment, state.x, state.z)
     length = max(here.length - u if direction > 0 else u, 0.0)
-    ends_by = SEGMENT_END
+    ends_by = rolling.SEGMENT_END
     if state.x + length * ux > state.reach:
         length = max((state.reach - state.x) / ux, 0.0)
-        ends_by = PART
+        ends_by = rolling.PART
     lift = 0.0
     if pull < 0.0:
         to_stop = path_to(pull, fade, -v * v)
         if to_stop <= length:
             length = to_stop
-            ends_by = STOP
+            ends_by = rolling.STOP
     if pull > 0.0 and tips_at < math.inf:
         to_tip = path_to(pull, fade, tips_at * tips_at - v * v)
         if to_tip < length:
             length = to_tip
-            ends_by = TO_ROLLING
+            ends_by = rolling.TO_ROLLING
     wide = block.a
     narrow = block.b
     if state.phase == ROLLING:
         wide = block.roll_radius
         narrow = block.roll_radius
         is_round = block.a - block.b < 1e-12 * block.a
-        length, ends_by, lift = rolling_stretch(
+        length, ends_by, lift = rolling.rolling_stretch(
             block, state.theta - angle_of(profile, state.segment), direction, v, pull, fade,
             physics.gravity, ux, -uz * direction, length, ends_by,
             physics.as_ellipse and not is_round, physics.end_sliding and not is_round
@@ -182,7 +162,7 @@ def _look_ahead(
     contact = next_contact(moved, 0.0, length, _TOUCH, profile, state.segment, passed)
     if contact.segment >= 0:
         length = contact.t
-        ends_by = GROUND_AHEAD
+        ends_by = rolling.GROUND_AHEAD
         state.nx = contact.nx
         state.nz = contact.nz
     x_end = state.x + direction * ux * length
@@ -192,8 +172,8 @@ def _look_ahead(
         end_x = last if direction > 0 else first
         length = min(max((end_x - state.x) / (direction * ux), 0.0), length)
         x_end = state.x + direction * ux * length
-        ends_by = PROFILE_END
-    return Ahead(length, x_end, ends_by, lift, contact.segment)
+        ends_by = rolling.PROFILE_END
+    return length, x_end, ends_by, lift, contact.segment
 
 
 @fused
@@ -266,22 +246,23 @@ def ground_motion(
         if state.phase == ROLLING:
             mu = _friction(state, block, site)
             tips_at = math.inf
-    own_fade = growth(block, site.grounds[here.ground], physics) * g * ux
+    own_fade = rolling.growth(block, site.grounds[here.ground], physics) * g * ux
     own_pull = g * (down - mu * ux) - own_fade * state.speed * state.speed
     pull, fade, longest = hooks.before_stretch(effects, state, block, site, own_pull, own_fade, ux)
     state.vx = state.speed * direction * ux
     state.vz = state.speed * direction * uz
     log_event(output.log, state, direction * ux, direction * uz)
 
-    ahead = _look_ahead(state, block, site, physics, pull, fade, tips_at)
-    length, x_end, ends_by = ahead.length, ahead.x_end, ahead.ends_by
+    length, x_end, ends_by, lift, met = _look_ahead(
+        state, block, site, physics, pull, fade, tips_at
+    )
     cut = longest < length
     if cut:
         length = longest
         x_end = state.x + direction * ux * length
-        ends_by = PART
+        ends_by = rolling.PART
     gain = -state.speed * state.speed
-    if ends_by != STOP:
+    if ends_by != rolling.STOP:
         gain = hooks.gain_over(effects, state, block, gained(own_pull, own_fade, length), length)
     stretch = _gains(state, block, x_end, gain, length, fade, mu * g * ux)
     barrier = no_meeting()
@@ -305,10 +286,10 @@ def ground_motion(
         state.speed *= barrier.speed_left
         state.omega *= barrier.speed_left
         after_barrier(state, barrier.outcome)
-    elif ends_by == PART:
+    elif ends_by == rolling.PART:
         same_event(state, physics)
     else:
-        _go_on(state, block, site, physics, ahead)
+        _go_on(state, block, site, physics, ends_by, lift, met)
 
 
 @inlined
@@ -333,21 +314,22 @@ def _gains(
 
 
 @fused
-def _go_on(state: Record, block: Block, site: Site, physics: Physics, ahead: Ahead) -> None:
-    """Begin what ends a stretch."""
-    what = ahead.ends_by
-    if what == PROFILE_END:
+def _go_on(
+    state: Record, block: Block, site: Site, physics: Physics, what: int, lift: float, met: int
+) -> None:
+    """Begin what ends a stretch, as _look_ahead has it."""
+    if what == rolling.PROFILE_END:
         end(state, LEFT_PROFILE)
-    elif what == GROUND_AHEAD:
-        state.segment = ahead.segment
+    elif what == rolling.GROUND_AHEAD:
+        state.segment = met
         state.as_circle = physics.corner_as_circle and state.phase == ROLLING
         state.phase = IMPACT
-    elif what == TO_SLIDING:
+    elif what == rolling.TO_SLIDING:
         state.omega = 0.0
         state.phase = SLIDING
-    elif what == LIFT_OFF:
-        _lift_off(state, block, site, physics.gravity, ahead.lift)
-    elif what == SEGMENT_END:
+    elif what == rolling.LIFT_OFF:
+        _lift_off(state, block, site, physics.gravity, lift)
+    elif what == rolling.SEGMENT_END:
         after = state.segment + state.direction
         if after < 0 or after >= site.profile.n[0]:
             end(state, LEFT_PROFILE)

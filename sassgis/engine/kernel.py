@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from sassgis.compiled import rng
 from sassgis.compiled.jit import fused, inlined, kernel, lean
+from sassgis.engine import statistics
 from sassgis.engine.barriers import ControlLineTable, crossings_of
 from sassgis.engine.block import simulate_block, start_released, start_spawned
 from sassgis.engine.cell_register import FULL
@@ -29,20 +30,7 @@ from sassgis.engine.state import (
     Physics,
     Site,
 )
-from sassgis.engine.statistics import (
-    Totals,
-    Wanted,
-    add_visits,
-    add_worth,
-    by_cell,
-    collect,
-    count_places,
-    end_stratum,
-    flush,
-    meet_disks,
-    meet_objects,
-    passed_cells,
-)
+from sassgis.engine.statistics import Totals, Wanted
 from sassgis.grid import FloatArray, IntArray
 from sassgis.terrain.cell_geometry import exact
 
@@ -184,10 +172,10 @@ def simulate_strata(
         if status != DONE:
             return status
         if wanted is not None:
-            add_worth(totals.windows, wanted, i, setup.n_blocks)
-        end_stratum(totals.reach)
-        end_stratum(totals.windows)
-        end_stratum(totals.objects)
+            statistics.add_worth(totals.windows, wanted, i, setup.n_blocks)
+        statistics.end_stratum(totals.reach)
+        statistics.end_stratum(totals.windows)
+        statistics.end_stratum(totals.objects)
         visits_to_histograms(totals, work)
     return DONE
 
@@ -198,7 +186,9 @@ def visits_to_histograms(totals: Totals, work: Work) -> None:
     n = work.n_visits
     if 2 * n[0] > work.visits.size:
         rows = np.arange(totals.stops.size).astype(np.int32)
-        add_visits(by_cell(work.visits[: n[0]], rows.size), rows, totals.counts, 1)
+        statistics.add_visits(
+            statistics.by_cell(work.visits[: n[0]], rows.size), rows, totals.counts, 1
+        )
         n[1] += n[0]
         n[0] = 0
 
@@ -249,16 +239,16 @@ def simulate_blocks(
             mass = block.mass
             last = finish_block(row, stated, state, site, rows.passages, totals.stops, cells)
             n_touched = state.n_touched
-            meet_disks(cells, n_touched, mass, totals)
-            meet_objects(cells, n_touched, mass, totals)
-            n_touched = passed_cells(cells, n_touched, last)
+            statistics.meet_disks(cells, n_touched, mass, totals)
+            statistics.meet_objects(cells, n_touched, mass, totals)
+            n_touched = statistics.passed_cells(cells, n_touched, last)
             if path is not None:
                 end_place[0], end_place[1] = place(state, state.x)
                 if path.register.counts[FULL]:
                     return MANY_CELLS
             if effects is None:
                 break
-            n_event = collect(work.event, n_event, cells, n_touched, mass)
+            n_event = statistics.collect(work.event, n_event, cells, n_touched, mass)
             if n_spawned >= min(spawned.n[0], spawned.rows.size):
                 break
             if rows.spawned.n[0] >= rows.spawned.rows.size:
@@ -416,8 +406,8 @@ def add_to_totals(totals: Totals, work: Work, cells: CellWork, n_touched: int, m
     n = work.n_visits
     if n[0] + n_touched > work.visits.size:
         return False
-    count_places(totals.windows, totals.bins)
-    count_places(totals.objects, totals.bins)
-    flush(cells, n_touched, mass, totals, work.visits[n[0] :])
+    statistics.count_places(totals.windows, totals.bins)
+    statistics.count_places(totals.objects, totals.bins)
+    statistics.flush(cells, n_touched, mass, totals, work.visits[n[0] :])
     n[0] += n_touched
     return True

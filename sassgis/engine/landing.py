@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
 
 from sassgis.compiled import rng
 from sassgis.compiled.jit import fused, inlined, lean
@@ -36,14 +35,6 @@ _SAME_SPOT = 1e-3
 _MOST_ON_SPOT = 20
 # Speed along the ground, over that of the surface, below which there is none.
 _STOPPED = 1e-9
-
-
-class Velocity(NamedTuple):
-    """Velocity along the ground and along its normal (m/s), and spin (rad/s)."""
-
-    t: float
-    n: float
-    omega: float
 
 
 @lean
@@ -228,7 +219,7 @@ def land(
         state.clear_from = FIRST_TURN / max(abs(omega), 1e-3)
         state.phase = FLIGHT
         return
-    _settle(state, block, site, g, Velocity(wt, wn, omega))
+    _settle(state, block, site, g, wt, _kinetic(block, wt, wn, omega))
 
 
 @lean
@@ -290,15 +281,15 @@ def way_on(wt: float, omega: float, radius: float) -> int:
 
 
 @lean
-def _settle(state: Record, block: Block, site: Site, gravity: float, velocity: Velocity) -> None:
+def _settle(
+    state: Record, block: Block, site: Site, gravity: float, wt: float, energy: float
+) -> None:
     """Go on along the ground: roll if the energy suffices, else slide, else rest.
 
     The block rolls, all its energy going into rolling, if that lifts its centre to where a rolling
     block has it; else it ends by sliding.
     """
     profile = site.profile
-    wt, wn, omega = velocity
-    energy = 0.5 * (wt * wt + wn * wn + block.inertia * omega * omega)
     direction = state.direction
     segment = state.segment
     here = profile.rows[segment]

@@ -12,37 +12,15 @@ from numpy.typing import NDArray
 
 from sassgis.engine import barriers as control_line_rules
 from sassgis.engine import impact as impact_rules
+from sassgis.engine import kernel, statistics
 from sassgis.engine.effects.hooks import ground_of, most_spawned, prepare
 from sassgis.engine.effects.spawning import MOST_SPAWNED
 from sassgis.engine.ellipse import outlined
 from sassgis.engine.ground_ahead import Path
-from sassgis.engine.kernel import (
-    DONE,
-    MANY_CELLS,
-    MANY_VISITS,
-    NO_ROOM,
-    Lines,
-    Rows,
-    Setup,
-    Strata,
-    Work,
-    simulate_strata,
-    working_space,
-)
+from sassgis.engine.kernel import Lines, Rows, Setup, Strata, Work
 from sassgis.engine.rows import empty_table
 from sassgis.engine.state import EVENT_DTYPE, Physics
-from sassgis.engine.statistics import (
-    VISITS,
-    Disks,
-    Exceedance,
-    Objects,
-    Totals,
-    Wanted,
-    add_visits,
-    by_cell,
-    counted,
-    empty_totals,
-)
+from sassgis.engine.statistics import Disks, Exceedance, Objects, Totals, Wanted
 from sassgis.errors import InputError
 from sassgis.grid import FloatArray, IntArray
 from sassgis.settings.blocks import BlockPopulation
@@ -71,7 +49,7 @@ class Visits:
     ) -> None:
         """Add them to histograms, each ``weight`` times; ``row`` is that of each cell."""
         if self.visits.size:
-            add_visits(self.visits, row[self.place], histograms, weight)
+            statistics.add_visits(self.visits, row[self.place], histograms, weight)
 
 
 @dataclass(frozen=True)
@@ -153,14 +131,14 @@ def left_in_cells(totals: Totals, work: Work, rows: IntArray) -> dict[str, Any]:
         kept |= {name: own[rows] for name, own in bins.items()}
     place = np.full(totals.stops.size, -1, np.int32)
     place[rows] = np.arange(rows.size, dtype=np.int32)
-    visits = Visits(by_cell(work.visits[: work.n_visits[0]], place.size), place)
+    visits = Visits(statistics.by_cell(work.visits[: work.n_visits[0]], place.size), place)
     n_bins = {name: own.shape[1] for name, own in bins.items()}
     return {"kept": kept, "visits": visits, "n_bins": n_bins}
 
 
 def by_threshold(reach: Exceedance, rows: IntArray | None = None) -> dict[str, IntArray]:
     """Return counts of some places, or of all, under their names."""
-    blocks, square = counted(reach, np.arange(reach.top.size) if rows is None else rows)
+    blocks, square = statistics.counted(reach, np.arange(reach.top.size) if rows is None else rows)
     return {"exceed": blocks, "exceed_square": square}
 
 
@@ -369,21 +347,23 @@ def run_blocks(
     """
     n = strata.number.size * setup.n_blocks
     hooked = prepare(effects, has_stems)
-    more, visits = 1, VISITS
+    more, visits = 1, statistics.VISITS
     while True:
         totals, lines, path, wanted = ground(n_cells)
         rows = _empty_rows(n, more * passages, more * n if hooked is not None else 0, log_events)
-        work = working_space(
+        work = kernel.working_space(
             n_cells, setup.grounds, hooked is not None, most_spawned(effects), visits, on_map
         )
-        status = simulate_strata(strata, setup, totals, rows, work, hooked, lines, path, wanted)
-        if status == DONE:
+        status = kernel.simulate_strata(
+            strata, setup, totals, rows, work, hooked, lines, path, wanted
+        )
+        if status == kernel.DONE:
             return totals, rows, work, path, wanted
-        if status == NO_ROOM:
+        if status == kernel.NO_ROOM:
             more *= 4
-        elif status == MANY_CELLS:
+        elif status == kernel.MANY_CELLS:
             n_cells *= 2
-        elif status == MANY_VISITS:
+        elif status == kernel.MANY_VISITS:
             visits *= 4
         else:
             raise InputError(
@@ -479,7 +459,7 @@ def simulate(
 
     def ground(n_cells: int) -> tuple[Totals, Lines, None, None]:
         on_objects = Objects(*objects.under(cells))
-        totals = empty_totals(n_cells, bins, disks, on_objects, objects.n_objects)
+        totals = statistics.empty_totals(n_cells, bins, disks, on_objects, objects.n_objects)
         return totals, lines, None, None
 
     totals, rows, work, _, _ = run_blocks(

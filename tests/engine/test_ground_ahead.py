@@ -10,7 +10,7 @@ from helpers.paths_lab import MIXED, TABLE, paths
 from helpers.terrains import grid_of, points_at
 from scipy import ndimage
 
-from sassgis.engine import simulate
+from sassgis.engine import statistics
 from sassgis.engine.cell_register import empty_register
 from sassgis.engine.draws import block_of
 from sassgis.engine.effects.hooks import BLOCK_DTYPE
@@ -83,7 +83,7 @@ def test_sums_do_not_depend_on_the_room_for_visits(monkeypatch, room: int) -> No
         return out.sums
 
     whole = sums()
-    monkeypatch.setattr(simulate, "VISITS", room)
+    monkeypatch.setattr(statistics, "VISITS", room)
     few = sums()
     assert whole["energy"].sum() > 900
     assert all((few[name] == whole[name]).all() for name in whole)
