@@ -1,11 +1,9 @@
-"""The decorators of compiled code.
+"""The decorators of compiled code, and where its machine code is kept.
 
-numba's on-disk cache looks only at the file that holds the function: after an edit in a callee that
-lives in another file it would serve stale machine code. The cache therefore lives in a folder named
-after the contents of every compiled module, so that an edit anywhere starts a fresh one.
-
-What is read from the cache is run. So it is used only where nobody but the user can have written,
-and nothing in the current folder decides where that is; else each process compiles anew.
+An edit in a function that another calls would leave the machine code of the caller as it was. The
+cache therefore lives in a folder named after the contents of every compiled module. What is read
+from it is run: so it is used only where nobody but the user can have written, and nothing in the
+current folder decides where that is; else each process compiles anew.
 """
 
 from __future__ import annotations
@@ -31,9 +29,8 @@ log = logging.getLogger(__name__)
 _PACKAGE = Path(__file__).resolve().parent.parent
 _COMPILED_ROOMS = ("compiled", "settings", "terrain", "engine", "simulation", "gap/residuals")
 
-#: First and last version of numba whose inside machine_code.py was tried with; pyproject.toml
-#: allows no others. With others functions are compiled and kept as numba does it by itself: slower,
-#: with the same results.
+#: First and last version of numba that machine_code.py was tried with; pyproject.toml allows no
+#: others. With others numba compiles and keeps functions by itself: slower, with the same results.
 _TRIED = (0, 60), (0, 68)
 
 F = TypeVar("F", bound=Callable[..., Any])
@@ -65,7 +62,10 @@ def _cache_folder() -> Path | None:
             digest.update(path.name.encode())
             digest.update(path.read_bytes())
     try:
-        base = os.environ.get("SASSGIS_CACHE_DIR") or _user_cache()
+        base = os.environ.get("SASSGIS_CACHE_DIR")
+        if not base:
+            home = os.environ.get("XDG_CACHE_HOME", "")
+            base = str((Path(home) if os.path.isabs(home) else Path.home() / ".cache") / "sassgis")
         # A relative one would be another folder in each project.
         if not os.path.isabs(base):
             raise OSError(f"{base} is not an absolute path")
@@ -75,11 +75,10 @@ def _cache_folder() -> Path | None:
         if os.name == "posix":  # Elsewhere a user's folders are the user's.
             _check_own(folder)
         with tempfile.TemporaryFile(dir=folder):
-            pass
+            return folder
     except (OSError, RuntimeError) as error:
         _say_not_kept(error)
         return None
-    return folder
 
 
 def _say_not_kept(error: Exception) -> None:
@@ -90,11 +89,6 @@ def _say_not_kept(error: Exception) -> None:
             "(SASSGIS_CACHE_DIR names another folder)", error,
         )  # fmt: skip
         log.disabled = True
-
-
-def _user_cache() -> str:
-    home = os.environ.get("XDG_CACHE_HOME", "")
-    return str((Path(home) if os.path.isabs(home) else Path.home() / ".cache") / "sassgis")
 
 
 def _check_own(folder: Path) -> None:
@@ -157,8 +151,8 @@ def inlined(function: F) -> F:
 
 
 @functools.cache
-def _own() -> Any:
-    """Return machine_code.py; None where the inside of numba is not the one that it stands on."""
+def _machine_code() -> Any:
+    """Return machine_code.py; None where numba is not one that it was tried with."""
     first, last = _TRIED
     if not first <= tuple(map(int, loaded_numba().__version__.split(".")[:2])) <= last:
         return None
@@ -172,12 +166,11 @@ def _part(function: F, **options: Any) -> F:
     """Return a function that compiled code calls."""
     if loaded_numba().config.DISABLE_JIT:
         return function
-    own = _own()
+    own = _machine_code()
     if own is None:
         # No other option is one that numba documents.
-        return _compiled(
-            function, cache=_cache_folder() is not None, inline=options.get("inline", "never")
-        )
+        kept = _cache_folder() is not None
+        return _compiled(function, cache=kept, inline=options.get("inline", "never"))
     part: Any = _compiled(
         function, pipeline_class=own.PartCompiler, no_cpython_wrapper=True, **options
     )
@@ -189,7 +182,8 @@ def _part(function: F, **options: Any) -> F:
 @functools.cache
 def _entry(function: F, counts: bool) -> F:
     """Return function as Python calls it; ``counts`` is whether it counts references to arrays."""
-    return _compiled(function, kept=True, pipeline_class=_own().EntryCompiler, _nrt=counts)
+    compiler = _machine_code().EntryCompiler
+    return _compiled(function, kept=True, pipeline_class=compiler, _nrt=counts)
 
 
 def _compiled(function: F, *, kept: bool = False, **options: Any) -> F:
@@ -199,12 +193,11 @@ def _compiled(function: F, *, kept: bool = False, **options: Any) -> F:
     # Where the machine code is kept is decided here, as the function is decorated.
     before = {name: getattr(config, name, "") for name in ("CACHE_DIR", "CACHE_LOCATOR_CLASSES")}
     config.CACHE_DIR, config.CACHE_LOCATOR_CLASSES = str(_cache_folder() or ""), ""
+    options |= {"nogil": True, "error_model": "numpy", "no_cfunc_wrapper": True}
     try:
-        out: Any = numba.njit(nogil=True, error_model="numpy", no_cfunc_wrapper=True, **options)(
-            function
-        )
+        out: Any = numba.njit(**options)(function)
         if kept and _cache_folder() is not None:
-            out._cache = _own().KeptCode(function, _say_not_kept)
+            out._cache = _machine_code().KeptCode(function, _say_not_kept)
         return out  # type: ignore[no-any-return]
     finally:
         for name, value in before.items():

@@ -1,10 +1,9 @@
 """Machine code that is made once: of a function that Python calls, with all that it calls.
 
-numba optimises each function together with those that it calls, and writes machine code for it:
-what stands under ten others is made eleven times. Here all functions are parts. A part stays LLVM
-code as numba's front end leaves it. Where Python enters, the parts below are linked into one
-module, which is optimised and written once. Nothing else can call them there, so that LLVM puts
-what is called once into its caller, and hands on no arguments that are not read: most of an array.
+numba writes machine code for each function with those that it calls: what stands under ten others
+is made eleven times. Here a function is a part, which stays LLVM code as numba's front end leaves
+it. Where Python enters, the parts below are linked into one module, which is optimised and written
+once: LLVM puts what is called once into its caller, and hands on no arguments that are not read.
 
 All this stands on the inside of numba; jit.py does without it where that is another one.
 """
