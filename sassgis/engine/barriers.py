@@ -72,17 +72,9 @@ def crossings_of(
 
 @lean
 def _write_passage(
-    state: Record,
-    output: Output,
-    block: Block,
-    crossings: Table,
-    crossing: Record,
-    outcome: int,
-    vx: float,
-    vz: float,
-    omega: float,
-    height: float,
-) -> None:
+    state: Record, output: Output, block: Block, crossings: Table, crossing: Record, outcome: int,
+    vx: float, vz: float, omega: float, height: float,
+) -> None:  # fmt: skip
     """Write what a block does where it first comes to a control line."""
     for i in range(crossings.n[0]):
         # A line that is crossed twice acts twice, but is passed once.

@@ -37,14 +37,9 @@ from sassgis.engine.state import (
 
 @fused
 def simulate_block(
-    state: Record,
-    block: Block,
-    site: Site,
-    output: Output,
-    physics: Physics,
-    effects: hooks.Effects | None,
-    path: Path | None,
-) -> None:
+    state: Record, block: Block, site: Site, output: Output, physics: Physics,
+    effects: hooks.Effects | None, path: Path | None,
+) -> None:  # fmt: skip
     """Simulate one block, from the state that start_released or start_spawned has set, to its end.
 
     ``effects`` is None for the model of 1986 only, ``path`` for a block that stays on the profile.
@@ -63,15 +58,9 @@ def simulate_block(
 
 @fused
 def move(
-    state: Record,
-    block: Block,
-    site: Site,
-    output: Output,
-    physics: Physics,
-    effects: hooks.Effects | None,
-    path: Path | None,
-    until: float,
-) -> None:
+    state: Record, block: Block, site: Site, output: Output, physics: Physics,
+    effects: hooks.Effects | None, path: Path | None, until: float,
+) -> None:  # fmt: skip
     """Move a block to its end, or through the event in which it comes to a chainage (m)."""
     while state.phase != END and state.x < until:
         state.events += 1

@@ -94,15 +94,9 @@ def _vertex_from(
 
 @lean
 def _core_contact(
-    flying: Flying,
-    core: float,
-    start: float,
-    end: float,
-    tolerance: float,
-    profile: Table,
-    j: int,
-    length: float,
-) -> tuple[float, float, float, int]:
+    flying: Flying, core: float, start: float, end: float, tolerance: float, profile: Table,
+    j: int, length: float,
+) -> tuple[float, float, float, int]:  # fmt: skip
     """Find the first contact of a block's round core (radius m) with segment j or its vertices.
 
     Returns time, normal and the vertex that is met, -1 for the segment itself.
@@ -182,14 +176,9 @@ def _same_time(surface: float, a: float, tolerance: float) -> float:
 
 @lean
 def next_contact(
-    flying: Flying,
-    start: float,
-    end: float,
-    tolerance: float,
-    profile: Table,
-    near: int,
+    flying: Flying, start: float, end: float, tolerance: float, profile: Table, near: int,
     skip_to: int,
-) -> Contact:
+) -> Contact:  # fmt: skip
     """Return the first contact of a flying block with a profile: of two at once the faster one.
 
     Parameters
@@ -251,23 +240,10 @@ def next_contact(
 
 @fused
 def _contact_at(
-    flying: Flying,
-    tolerance: float,
-    profile: Table,
-    j: int,
-    step: int,
-    left: bool,
-    fresh: bool,
-    edge: int,
-    still: bool,
-    same: float,
-    best: Contact,
-    first: float,
-    last: float,
-    above: float,
-    rate: float,
-    fall: float,
-) -> Contact:
+    flying: Flying, tolerance: float, profile: Table, j: int, step: int, left: bool, fresh: bool,
+    edge: int, still: bool, same: float, best: Contact, first: float, last: float, above: float,
+    rate: float, fall: float,
+) -> Contact:  # fmt: skip
     """Return better of the best contact so far and those with segment j, its vertices and the core.
 
     Parameters as the locals of next_contact; ``above``, ``rate`` and ``fall`` as _within_reach.

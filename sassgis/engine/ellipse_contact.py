@@ -225,20 +225,9 @@ def contact_with_segment(
 
 @lean
 def _outside(
-    u: float,
-    w: float,
-    c: float,
-    s: float,
-    a: float,
-    b: float,
-    length: float,
-    run: float,
-    approach: float,
-    omega: float,
-    gravity: float,
-    tx: float,
-    tz: float,
-) -> tuple[float, float, float]:
+    u: float, w: float, c: float, s: float, a: float, b: float, length: float, run: float,
+    approach: float, omega: float, gravity: float, tx: float, tz: float,
+) -> tuple[float, float, float]:  # fmt: skip
     """Return the gap (m) between an ellipse and the nearer end of a segment, in the segment's axes.
 
     Of (u, w) the centre, (c, s) the direction of the major axis, (run, approach) the velocity in
@@ -357,15 +346,9 @@ def contact_with_vertex(
 
 @lean
 def _vertex_counts(
-    approach: float,
-    rate: float,
-    nx: float,
-    nz: float,
-    t0x: float,
-    t0z: float,
-    t1x: float,
+    approach: float, rate: float, nx: float, nz: float, t0x: float, t0z: float, t1x: float,
     t1z: float,
-) -> bool:
+) -> bool:  # fmt: skip
     """Return whether a block at a vertex touches it: it comes nearer, and between the segments."""
     if approach >= -1e-12 or rate > 0.0:
         return False

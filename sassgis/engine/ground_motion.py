@@ -100,14 +100,9 @@ def _friction(state: Record, block: Block, site: Site) -> float:
 
 @fused
 def _look_ahead(
-    state: Record,
-    block: Block,
-    site: Site,
-    physics: Physics,
-    pull: float,
-    fade: float,
+    state: Record, block: Block, site: Site, physics: Physics, pull: float, fade: float,
     tips_at: float,
-) -> tuple[float, float, int, float, int]:
+) -> tuple[float, float, int, float, int]:  # fmt: skip
     """Find how far a block rolls or slides before something else begins, and what.
 
     Returns the length (m), the chainage at its end (m), one of the kinds in rolling.py, with
@@ -178,15 +173,9 @@ def _look_ahead(
 
 @fused
 def _advance(
-    state: Record,
-    block: Block,
-    site: Site,
-    output: Output,
-    stretch: Stretch,
-    length: float,
-    pull: float,
-    fade: float,
-) -> None:
+    state: Record, block: Block, site: Site, output: Output, stretch: Stretch, length: float,
+    pull: float, fade: float,
+) -> None:  # fmt: skip
     """Move a block over a stretch of some length (m), and record what it passes."""
     here = site.profile.rows[state.segment]
     direction = state.direction
@@ -294,14 +283,9 @@ def ground_motion(
 
 @inlined
 def _gains(
-    state: Record,
-    block: Block,
-    x_end: float,
-    dv2: float,
-    length: float,
-    fade: float,
+    state: Record, block: Block, x_end: float, dv2: float, length: float, fade: float,
     friction: float,
-) -> Stretch:
+) -> Stretch:  # fmt: skip
     """Return squares of speed and spin over a stretch; ``friction`` is per unit mass (m/s²)."""
     v2 = state.speed * state.speed
     spin2 = state.omega * state.omega

@@ -117,14 +117,9 @@ def _clear_path(
 
 @lean
 def start_path(
-    effects: hooks.Effects | None,
-    state: Record,
-    block: Block,
-    site: Site,
-    path: Path,
-    u: float,
-    v: float,
-) -> bool:
+    effects: hooks.Effects | None, state: Record, block: Block, site: Site, path: Path,
+    u: float, v: float,
+) -> bool:  # fmt: skip
     """Set out at a place in the direction of the descent; whether the terrain is known there.
 
     On level ground any direction is as likely.
@@ -132,30 +127,21 @@ def start_path(
     state.x = 0.0
     _clear_path(effects, state, block, site, path)
     gu, gv, known = gradient(path, u, v, block.radius)
-    z, ground = _ground_at(path, u, v)
-    if ground < 0:
-        return False
     if known and gu * gu + gv * gv > 1e-12:
         hu, hv = _downhill(state, gu, gv)
     else:
         angle = 2.0 * math.pi * rng.uniform(block.key, rng.HEADING, 0)
         hu = math.cos(angle)
         hv = math.sin(angle)
-    head(state, path, u, v, hu, hv)
-    begin_profile(state, block, site, path, z, gu * hu + gv * hv, ground, 1.0, 0)
-    return True
+    return _set_out(state, block, site, path, u, v, hu, hv, gu * hu + gv * hv)
 
 
 @lean
 def continue_path(
-    effects: hooks.Effects | None,
-    state: Record,
-    block: Block,
-    site: Site,
-    path: Path,
+    effects: hooks.Effects | None, state: Record, block: Block, site: Site, path: Path,
     spawned: Record,
-) -> bool:
-    """Set out where another block has spawned this one; whether the terrain is known there."""
+) -> None:  # fmt: skip
+    """Set out where another block has spawned this one, if the terrain is known there."""
     state.x = spawned.x
     _clear_path(effects, state, block, site, path)
     c = math.cos(spawned.aside)
@@ -163,11 +149,20 @@ def continue_path(
     hu = (spawned.du * c - spawned.dv * s) * path.cell_size
     hv = (spawned.dv * c + spawned.du * s) * path.cell_size
     gu, gv, _ = gradient(path, spawned.u, spawned.v, block.radius)
-    z, ground = _ground_at(path, spawned.u, spawned.v)
+    _set_out(state, block, site, path, spawned.u, spawned.v, hu, hv, gu * hu + gv * hv)
+
+
+@inlined
+def _set_out(
+    state: Record, block: Block, site: Site, path: Path, u: float, v: float, hu: float, hv: float,
+    slope: float,
+) -> bool:  # fmt: skip
+    """Begin a path at a place with a unit vector as heading; whether the terrain is known there."""
+    z, ground = _ground_at(path, u, v)
     if ground < 0:
         return False
-    head(state, path, spawned.u, spawned.v, hu, hv)
-    begin_profile(state, block, site, path, z, gu * hu + gv * hv, ground, 1.0, 0)
+    head(state, path, u, v, hu, hv)
+    begin_profile(state, block, site, path, z, slope, ground, 1.0, 0)
     return True
 
 
@@ -186,16 +181,9 @@ def _ground_at(path: Path, u: float, v: float) -> tuple[float, int]:
 
 @lean
 def turn_heading(
-    state: Record,
-    block: Block,
-    site: Site,
-    path: Path,
-    gravity: float,
-    angle: float,
-    gu: float,
-    gv: float,
-    known: bool,
-) -> None:
+    state: Record, block: Block, site: Site, path: Path, gravity: float, angle: float, gu: float,
+    gv: float, known: bool,
+) -> None:  # fmt: skip
     """Turn the heading to the right by an angle (rad), with all that is relative to the ground.
 
     The block keeps its place in plan, its velocity along and off the ground, its spin and its
@@ -328,14 +316,9 @@ def _take(state: Record, block: Block, work: float) -> None:
 
 @fused
 def after_impact(
-    state: Record,
-    block: Block,
-    site: Site,
-    path: Path,
-    physics: Physics,
-    into: float,
+    state: Record, block: Block, site: Site, path: Path, physics: Physics, into: float,
     hard: bool,
-) -> None:
+) -> None:  # fmt: skip
     """Turn the heading as an impact does; ``into`` is the normal speed before it (m/s).
 
     A soft landing, which is not ``hard``, meets no separate spot.
@@ -442,15 +425,9 @@ def before_ground(
 
 @lean
 def _straight_on(
-    state: Record,
-    block: Block,
-    path: Path,
-    gu: float,
-    gv: float,
-    step: float,
-    kappa: float,
+    state: Record, block: Block, path: Path, gu: float, gv: float, step: float, kappa: float,
     aside: float,
-) -> float:
+) -> float:  # fmt: skip
     """Return the step on the ground (m), doubled while the slope of the terrain is the same ahead.
 
     ``aside`` is the angle from the descent (rad).
@@ -500,14 +477,9 @@ def _angle_to(state: Record, gu: float, gv: float, cell_size: float) -> float:
 
 @inlined
 def after_ground(
-    state: Record,
-    physics: Physics,
-    steep2: float,
-    descent: float,
-    x: float,
-    level: float,
+    state: Record, physics: Physics, steep2: float, descent: float, x: float, level: float,
     level_after: float,
-) -> None:
+) -> None:  # fmt: skip
     """Let the heading turn towards the descent over a stretch on the ground that began at x (m).
 
     ``steep2`` and ``descent`` are as before_ground returned them, ``level`` and ``level_after`` the

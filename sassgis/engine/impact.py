@@ -74,15 +74,8 @@ def restitution_at(e: float, halved_at: float, approach: float) -> float:
 
 @lean
 def rebound_at_contact(
-    x: float,
-    y: float,
-    inertia: float,
-    vx: float,
-    vy: float,
-    omega: float,
-    mu: float,
-    e: float,
-) -> tuple[float, float, float]:
+    x: float, y: float, inertia: float, vx: float, vy: float, omega: float, mu: float, e: float,
+) -> tuple[float, float, float]:  # fmt: skip
     """Return the impact with dry friction μ and Stronge's energetic coefficient of restitution e.
 
     The normal impulse p grows from 0; slip s and approach c at P change in proportion to it. P
@@ -163,14 +156,8 @@ def limited(
 
 @lean
 def soft_landing(
-    x: float,
-    y: float,
-    inertia: float,
-    vx: float,
-    vy: float,
-    omega: float,
-    resistance: float,
-) -> tuple[float, float, float]:
+    x: float, y: float, inertia: float, vx: float, vy: float, omega: float, resistance: float,
+) -> tuple[float, float, float]:  # fmt: skip
     """Return (v_x, v_y, ω) of turn_about_contact, less what rolling would take.
 
     Rolling friction takes the energy μ_r (1 + I/r²) N along the path; here the normal impulse takes
@@ -186,20 +173,10 @@ def soft_landing(
 
 @lean
 def impact(
-    x: float,
-    y: float,
-    inertia: float,
-    vx: float,
-    vy: float,
-    omega: float,
-    eta_max: float,
-    rule: int,
-    mu: float,
-    e: float = 0.0,
-    halved_at: float = 9.144,
-    ploughing: float = 0.0,
+    x: float, y: float, inertia: float, vx: float, vy: float, omega: float, eta_max: float,
+    rule: int, mu: float, e: float = 0.0, halved_at: float = 9.144, ploughing: float = 0.0,
     growth: float = 0.0,
-) -> tuple[float, float, float]:
+) -> tuple[float, float, float]:  # fmt: skip
     """Return (v_x, v_y, ω) after an impact: limited to η_max, or with RESTITUTION held back.
 
     Parameters
@@ -243,15 +220,9 @@ def impact(
 
 @lean
 def normal_force(
-    x: float,
-    y: float,
-    curvature: float,
-    inertia: float,
-    omega: float,
-    cos_slope: float,
-    sin_slope: float,
-    gravity: float,
-) -> float:
+    x: float, y: float, curvature: float, inertia: float, omega: float, cos_slope: float,
+    sin_slope: float, gravity: float,
+) -> float:  # fmt: skip
     """Return the normal force per unit mass on an ellipse that turns about P without slip (m/s²).
 
     From the Lagrangian of the rolling ellipse: with K = ω²(I + x² + y²)/2 and gravity along both

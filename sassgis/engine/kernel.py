@@ -134,16 +134,9 @@ def working_space(
 
 @kernel
 def simulate_strata(
-    strata: Strata,
-    setup: Setup,
-    totals: Totals,
-    rows: Rows,
-    work: Work,
-    effects: hooks.Effects | None,
-    lines: Lines | None,
-    path: Path | None,
-    wanted: Wanted | None,
-) -> int:
+    strata: Strata, setup: Setup, totals: Totals, rows: Rows, work: Work,
+    effects: hooks.Effects | None, lines: Lines | None, path: Path | None, wanted: Wanted | None,
+) -> int:  # fmt: skip
     """Simulate all blocks of some lines or release points, with the blocks that they spawn.
 
     Parameters
@@ -195,16 +188,9 @@ def visits_to_histograms(totals: Totals, work: Work) -> None:
 
 @lean
 def simulate_blocks(
-    i: int,
-    strata: Strata,
-    site: Site,
-    setup: Setup,
-    totals: Totals,
-    rows: Rows,
-    work: Work,
-    effects: hooks.Effects | None,
-    path: Path | None,
-) -> int:
+    i: int, strata: Strata, site: Site, setup: Setup, totals: Totals, rows: Rows, work: Work,
+    effects: hooks.Effects | None, path: Path | None,
+) -> int:  # fmt: skip
     """Simulate all blocks of stratum ``i``; parameters and what it returns as simulate_strata."""
     state = work.state[0]
     cells = work.cells
@@ -279,17 +265,9 @@ def simulate_blocks(
 
 @inlined
 def release(
-    effects: hooks.Effects | None,
-    state: Record,
-    block: Block,
-    site: Site,
-    setup: Setup,
-    limits: Records,
-    key: np.uint64,
-    strata: Strata,
-    path: Path | None,
-    i: int,
-) -> None:
+    effects: hooks.Effects | None, state: Record, block: Block, site: Site, setup: Setup,
+    limits: Records, key: np.uint64, strata: Strata, path: Path | None, i: int,
+) -> None:  # fmt: skip
     """Start a block as its key says; parameters as those of simulate_blocks."""
     first = strata.start[i, 0]
     second = strata.start[i, 1]
@@ -355,14 +333,9 @@ def open_row(row: Record, line: int, number: int, spawned: int, start: float) ->
 
 @fused
 def finish_block(
-    row: Record,
-    block: Block,
-    state: Record,
-    site: Site,
-    passages: Table,
-    stops: IntArray,
+    row: Record, block: Block, state: Record, site: Site, passages: Table, stops: IntArray,
     cells: CellWork,
-) -> int:
+) -> int:  # fmt: skip
     """Write the row, the passages and the stop of a block; returns the cell of its stop, or -1."""
     row.reason = state.reason
     row.runout_m = state.x

@@ -84,19 +84,10 @@ def _resistance(block: Block, ground: Record, speed: float, growing: float) -> f
 
 @fused
 def _rebound(
-    state: Record,
-    block: Block,
-    site: Site,
-    output: Output,
-    physics: Physics,
-    effects: hooks.Effects | None,
-    ct: float,
-    st: float,
-    vt: float,
-    energy: float,
-    as_circle: bool,
-    round_m: float,
-) -> bool:
+    state: Record, block: Block, site: Site, output: Output, physics: Physics,
+    effects: hooks.Effects | None, ct: float, st: float, vt: float, energy: float,
+    as_circle: bool, round_m: float,
+) -> bool:  # fmt: skip
     """Change the velocity by an impact; whether it breaks the block.
 
     ``ct`` and ``st`` are cosine and sine of its angle, ``vt`` its velocity along the ground (m/s),
@@ -322,15 +313,9 @@ def rolling_place(
 
 @lean
 def _slide_or_rest(
-    state: Record,
-    block: Block,
-    grounds: Records,
-    profile: Table,
-    gravity: float,
-    wt: float,
-    foot_x: float,
-    foot_z: float,
-) -> None:
+    state: Record, block: Block, grounds: Records, profile: Table, gravity: float, wt: float,
+    foot_x: float, foot_z: float,
+) -> None:  # fmt: skip
     """Let a block slide as it lies, if it can; one that would have to rise first is wedged."""
     here = profile.rows[state.segment]
     ct, st = cos_sin(state.theta)

@@ -55,14 +55,9 @@ def empty_work(n_cells: int, chords: bool) -> CellWork:
 
 @lean
 def _raise(
-    work: CellWork,
-    n_touched: int,
-    cell: int,
-    energy: float,
-    height: float,
-    speed2: float,
+    work: CellWork, n_touched: int, cell: int, energy: float, height: float, speed2: float,
     t: float,
-) -> int:
+) -> int:  # fmt: skip
     """Raise the maxima of a cell that is entered at time t; returns the number of cells touched."""
     peak = work.peak
     if peak[cell, ENERGY] < 0.0:
@@ -101,16 +96,9 @@ def _on_map(stretches: Table, i: int, x: float) -> tuple[float, float]:
 
 @lean
 def _pass(
-    stretches: Table,
-    work: CellWork,
-    i: int,
-    step: int,
-    x_end: float,
-    inside: bool,
-    first: bool,
-    u: float,
-    v: float,
-) -> tuple[float, float]:
+    stretches: Table, work: CellWork, i: int, step: int, x_end: float, inside: bool, first: bool,
+    u: float, v: float,
+) -> tuple[float, float]:  # fmt: skip
     """Note the path of a block across stretch i from (u, v) on; returns where it leaves.
 
     Within a cell it is taken as straight between the ends farthest from each other.
@@ -139,21 +127,10 @@ def _pass(
 
 @lean
 def record_flight(
-    stretches: Table,
-    work: CellWork,
-    n_touched: int,
-    i: int,
-    x: float,
-    z: float,
-    vx: float,
-    vz: float,
-    spin_energy: float,
-    gravity: float,
-    until: float,
-    t: float,
-    rest: float,
+    stretches: Table, work: CellWork, n_touched: int, i: int, x: float, z: float, vx: float,
+    vz: float, spin_energy: float, gravity: float, until: float, t: float, rest: float,
     profile: Table,
-) -> tuple[int, int, float]:
+) -> tuple[int, int, float]:  # fmt: skip
     """Record the cells under a flight of a duration ``until`` (s) from time t since the release on.
 
     Parameters
@@ -249,22 +226,10 @@ def record_stop(
 
 @lean
 def record_ground(
-    stretches: Table,
-    work: CellWork,
-    n_touched: int,
-    i: int,
-    x: float,
-    x_end: float,
-    v2: float,
-    dv2: float,
-    spin: float,
-    dspin: float,
-    chord: float,
-    length: float,
-    t: float,
-    steady: float,
+    stretches: Table, work: CellWork, n_touched: int, i: int, x: float, x_end: float, v2: float,
+    dv2: float, spin: float, dspin: float, chord: float, length: float, t: float, steady: float,
     fade: float,
-) -> tuple[int, int]:
+) -> tuple[int, int]:  # fmt: skip
     """Record the cells under a stretch of rolling or sliding from chainage x to x_end (m).
 
     Parameters

@@ -183,20 +183,10 @@ def _end_of_force(block: Block, way: Way, low: float, high: float, angle: float)
 
 @lean
 def rolling_stretch(
-    block: Block,
-    theta: float,
-    direction: int,
-    v: float,
-    pull: float,
-    fade: float,
-    gravity: float,
-    cos_slope: float,
-    down: float,
-    length: float,
-    ends_by: int,
-    as_ellipse: bool,
+    block: Block, theta: float, direction: int, v: float, pull: float, fade: float,
+    gravity: float, cos_slope: float, down: float, length: float, ends_by: int, as_ellipse: bool,
     end_sliding: bool,
-) -> tuple[float, int, float]:
+) -> tuple[float, int, float]:  # fmt: skip
     """Return the distance that a block rolls until the segment ends, it stops, slides or lifts off.
 
     With the kind of its end, and with LIFT_OFF how long before it stands upright (rad).

@@ -54,53 +54,31 @@ class Visits:
 
 @dataclass(frozen=True)
 class Simulated:
-    """Results of the blocks of some lines.
+    """Results of the blocks of some lines or release points."""
 
-    Attributes
-    ----------
-    cells : int64, shape (n_cells,)
-        Flat indices of the grid cells under the lines, ascending.
-    kept : dict of str to array with a row for each of ``cells``
-        Those of model.statistics_table.SUMS but the histograms; and of the blocks that reach each
-        threshold "exceed" and, summed over lines, its square "exceed_square". Histograms where
-        there were more visits than there was room for.
-    visits : Visits
-        What the histograms do not have yet.
-    n_bins : dict of str to int
-        Of each histogram, in the order of the visits.
-    windows : int64, shape (n_windows,)
-        Flat indices of the cells in the middle of the windows; empty unless asked for.
-    window_sums, objects : dict
-        "exceed" and "exceed_square" with a row for each window, each object.
-    rocks : ROCK_DTYPE, shape (n_lines * n_rocks,)
-    pieces : ROCK_DTYPE
-        Spawned blocks (fragments and entrained blocks), numbered from 1 for each released block.
-    event_logs : tuple of EVENT_DTYPE arrays, shape (n_events,)
-        Events of each released block; empty unless asked for.
-    x, y : float64, shape (n_rocks + n_pieces,)
-        Where the blocks and the spawned blocks end on the map (m); empty where they were simulated
-        on given lines.
-    looked_at : (int, int, int, int) or None
-        First and last row, first and last column of the grid of the cells that followed paths
-        looked at, ahead of the blocks; None on given lines.
-    worth : float64, shape (n_points,)
-        Of what the blocks of each point leave open; empty on given lines, 0 unless asked for.
-    """
-
-    cells: IntArray
+    cells: IntArray  # flat indices of the grid cells that they may come to, ascending
+    # A row for each of ``cells``: those of settings.statistics_table.SUMS but the histograms; of
+    # the blocks that reach each threshold "exceed" and, summed over lines, its square
+    # "exceed_square". Histograms where there were more visits than there was room for.
     kept: dict[str, NDArray[np.generic]]
-    visits: Visits
-    n_bins: dict[str, int]
-    windows: IntArray
+    visits: Visits  # what the histograms do not have yet
+    n_bins: dict[str, int]  # of each histogram, in the order of the visits
+    windows: IntArray  # flat indices of the cells in the middle of the windows, if asked for
+    # "exceed" and "exceed_square" with a row for each window, each object.
     window_sums: dict[str, IntArray]
     objects: dict[str, IntArray]
-    rocks: NDArray[np.void]
+    rocks: NDArray[np.void]  # ROCK_DTYPE, shape (n_lines * n_rocks,)
+    # ROCK_DTYPE: spawned blocks, numbered from 1 for each released block.
     pieces: NDArray[np.void]
-    passages: NDArray[np.void]
-    event_logs: tuple[NDArray[np.void], ...]
+    passages: NDArray[np.void]  # PASSAGE_DTYPE
+    event_logs: tuple[NDArray[np.void], ...]  # EVENT_DTYPE, of each released block, if asked for
+    # Where the blocks and the spawned blocks end on the map (m); empty on given lines.
     x: FloatArray = field(default_factory=lambda: np.empty(0))
     y: FloatArray = field(default_factory=lambda: np.empty(0))
+    # First and last row, first and last column of the grid of the cells that followed paths looked
+    # at, ahead of the blocks; None on given lines.
     looked_at: tuple[int, int, int, int] | None = None
+    # Of what the blocks of each point leave open; empty on given lines, 0 unless asked for.
     worth: FloatArray = field(default_factory=lambda: np.empty(0))
 
     @cached_property
@@ -274,15 +252,10 @@ def moving_axes(axes: FloatArray, settings: EngineSettings) -> FloatArray:
 
 
 def setup_of(
-    table: GroundTable,
-    blocks: BlockPopulation | Sequence[BlockPopulation],
-    settings: EngineSettings,
-    lines: Sequence[ControlLine],
-    effects: EffectSettings,
-    first_rock: int,
-    n_blocks: int,
-    seed: int,
-) -> Setup:
+    table: GroundTable, blocks: BlockPopulation | Sequence[BlockPopulation],
+    settings: EngineSettings, lines: Sequence[ControlLine], effects: EffectSettings,
+    first_rock: int, n_blocks: int, seed: int,
+) -> Setup:  # fmt: skip
     """Return the setup common to the blocks of all lines, as the kernel takes it."""
     populations = [blocks] if isinstance(blocks, BlockPopulation) else blocks
     settings = settings.resolved()

@@ -87,14 +87,9 @@ def angle_of(key: np.uint64, number: int, i: int) -> float:
 
 @lean
 def entrain(
-    loose: Numbers,
-    spawned: Table,
-    block: Block,
-    number: int,
-    lost: float,
-    state: Record,
+    loose: Numbers, spawned: Table, block: Block, number: int, lost: float, state: Record,
     ground: Record,
-) -> None:
+) -> None:  # fmt: skip
     """Set blocks of the ground in motion with part of the energy that an impact took (J).
 
     They leave the ground on which they lie flat, under the block that hit it: the height -inf

@@ -154,14 +154,9 @@ def sideways_speeds(
 
 @lean
 def angles_aside(
-    breaking: Numbers,
-    key: np.uint64,
-    number: int,
-    n: int,
-    share: FloatArray,
-    vx: FloatArray,
+    breaking: Numbers, key: np.uint64, number: int, n: int, share: FloatArray, vx: FloatArray,
     out: FloatArray,
-) -> None:
+) -> None:  # fmt: skip
     """Fill ``out`` with the angles in plan (rad) between the paths of n fragments and of the whole.
 
     No lateral momentum arises: with the speeds ``vx`` along their paths, Σ m v_x sin(angle) = 0.

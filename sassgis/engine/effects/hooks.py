@@ -181,14 +181,9 @@ def _brake(effects: Effects, state: Record, block: Block, time: float) -> float:
 
 @fused
 def after_flight(
-    effects: Effects | None,
-    state: Record,
-    block: Block,
-    gravity: float,
-    limit: float,
-    until: float,
-    arrived: bool,
-) -> bool:
+    effects: Effects | None, state: Record, block: Block, gravity: float, limit: float,
+    until: float, arrived: bool,
+) -> bool:  # fmt: skip
     """End a step of flight; whether the same flight goes on.
 
     ``limit`` and ``until`` are the times that the step might have taken and has taken (s),
@@ -224,14 +219,9 @@ def after_flight(
 
 @inlined
 def before_stretch(
-    effects: Effects | None,
-    state: Record,
-    block: Block,
-    site: Site,
-    pull: float,
-    fade: float,
+    effects: Effects | None, state: Record, block: Block, site: Site, pull: float, fade: float,
     ux: float,
-) -> tuple[float, float, float]:
+) -> tuple[float, float, float]:  # fmt: skip
     """Begin a stretch of rolling or sliding on ground of a slope with the cosine ``ux``.
 
     Takes the acceleration without effects (m/s²) and how it falls (1/m: resistance.py); returns
@@ -274,15 +264,9 @@ def after_stretch(effects: Effects | None, state: Record, block: Block, arrived:
 
 @inlined
 def on_contact(
-    effects: Effects | None,
-    state: Record,
-    block: Block,
-    ground: Record,
-    nx: float,
-    nz: float,
-    rule: int,
-    friction: float,
-) -> tuple[float, float, int, float]:
+    effects: Effects | None, state: Record, block: Block, ground: Record, nx: float, nz: float,
+    rule: int, friction: float,
+) -> tuple[float, float, int, float]:  # fmt: skip
     """Return the surface that an impact meets: its normal, the rule of impact and the friction."""
     if effects is not None:
         if effects.rough.form != OFF and ground.roughness:
@@ -298,15 +282,9 @@ def on_contact(
 
 @inlined
 def after_impact(
-    effects: Effects | None,
-    state: Record,
-    block: Block,
-    ground: Record,
-    into: float,
-    wt: float,
-    wn: float,
-    omega: float,
-) -> tuple[float, float, float]:
+    effects: Effects | None, state: Record, block: Block, ground: Record, into: float, wt: float,
+    wn: float, omega: float,
+) -> tuple[float, float, float]:  # fmt: skip
     """Compute velocity and spin after an impact at normal speed ``into`` (m/s) from the others."""
     if effects is not None:
         if ground.soft_ground:
@@ -320,14 +298,9 @@ def after_impact(
 
 @inlined
 def on_loss(
-    effects: Effects | None,
-    state: Record,
-    block: Block,
-    spawned: Table,
-    here: Record,
-    ground: Record,
-    lost: float,
-) -> bool:
+    effects: Effects | None, state: Record, block: Block, spawned: Table, here: Record,
+    ground: Record, lost: float,
+) -> bool:  # fmt: skip
     """Spawn blocks where an impact took energy (J/kg); whether the block itself is broken.
 
     ``state`` is that after the impact; ``here`` and ``ground`` are the segment that was hit and its

@@ -58,15 +58,9 @@ def tilt(rough: Numbers, key: np.uint64, number: int, radius: float) -> float:
 
 @lean
 def tilted(
-    rough: Numbers,
-    key: np.uint64,
-    number: int,
-    radius: float,
-    vx: float,
-    vz: float,
-    nx: float,
+    rough: Numbers, key: np.uint64, number: int, radius: float, vx: float, vz: float, nx: float,
     nz: float,
-) -> tuple[float, float]:
+) -> tuple[float, float]:  # fmt: skip
     """Tilt the ground's normal to that of the surface met by an impact with velocity (vx, vz).
 
     Not where the tilted surface would stand on its head or face away.

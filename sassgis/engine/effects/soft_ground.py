@@ -66,7 +66,7 @@ SoftGroundNumbers, prepare = kernel_form(SoftGround)
 def rebound_left(soft: Numbers, normal_speed: float) -> float:
     """Return the share of the normal rebound that remains (Pfeiffer and Bowen 1989)."""
     ratio = normal_speed / soft.reference_speed_mps
-    return 1.0 / (1.0 + ratio * ratio)
+    return float(1.0 / (1.0 + ratio * ratio))
 
 
 @lean

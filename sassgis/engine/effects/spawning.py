@@ -12,19 +12,9 @@ MOST_SPAWNED = 5000
 
 @lean
 def spawn(
-    spawned: Table,
-    x: float,
-    z: float,
-    vx: float,
-    vz: float,
-    theta: float,
-    omega: float,
-    parent: Block,
-    size: float,
-    mass: float,
-    t: float,
-    aside: float,
-) -> None:
+    spawned: Table, x: float, z: float, vx: float, vz: float, theta: float, omega: float,
+    parent: Block, size: float, mass: float, t: float, aside: float,
+) -> None:  # fmt: skip
     """Add a block ``size`` times as long as its parent, at a time since the release (s).
 
     ``aside`` (rad) is the angle in plan, positive to the right, between its path and the parent's,

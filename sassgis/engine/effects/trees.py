@@ -242,7 +242,7 @@ def longest_step(stand: Numbers, stems: float, mass: float) -> float:
     """Return the longest time between two turns of the viscous force (s)."""
     if not brakes(stand, stems):
         return np.inf
-    return max(_SHARE_PER_STEP * mass / stand.drag_kgps, _SHORTEST_STEP_S)
+    return float(max(_SHARE_PER_STEP * mass / stand.drag_kgps, _SHORTEST_STEP_S))
 
 
 @lean
