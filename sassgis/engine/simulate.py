@@ -352,7 +352,9 @@ def strata_of(numbers: IntArray | None, keys: NDArray[np.uint64], start: FloatAr
     given = np.arange(len(start)) if numbers is None else numbers
     # A copy: for an array that may not be written to the whole kernel would be compiled again.
     return Strata(
-        np.asarray(given, np.int64), np.asarray(keys, np.uint64), np.array(start, np.float64)
+        np.asarray(given, np.int64),
+        np.asarray(keys, np.uint64),
+        np.array(start, np.float64, order="C"),
     )
 
 
