@@ -45,7 +45,7 @@ from sassgis.engine.heading import start_path
 from sassgis.engine.recording import ENERGY, STRETCH_DTYPE, empty_work
 from sassgis.engine.rows import empty_table, record_type
 from sassgis.engine.simulate import setup_of
-from sassgis.engine.simulate_paths import PathTerrain, _path, _places
+from sassgis.engine.simulate_paths import PathTerrain, path_of, places_of
 from sassgis.engine.state import (
     END,
     EVENT_DTYPE,
@@ -237,12 +237,12 @@ class Points:
         planned = plan(run)
         chosen = np.linspace(0, len(planned.points) - 1, POINTS).round().astype(int)
         points = take(planned.points, chosen)
-        self.u, self.v = _places(run.heights, points)
+        self.u, self.v = places_of(run.heights, points)
         scenarios = [planned.scenarios[a] for a in points.area]
         self.blocks = [run.blocks[own[k % len(own)]] for k, own in enumerate(scenarios)]
         terrain = PathTerrain(run.heights, run.ground, run.terrain.segment_tolerance_m)
         register = empty_register(run.heights.shape, ROOM, None, ObjectCells.none())
-        self.path = _path(terrain, run.engine, register, points)
+        self.path = path_of(terrain, run.engine, register, points)
         self.setup = setup_of(
             run.table, self.blocks, run.engine, (), run.effects, 0, BLOCKS, run.seed
         )

@@ -397,11 +397,11 @@ def before_ground(
             state.turn = angle
     elif steep2 > 1e-12:
         level = state.speed * site.profile.rows[state.segment].tx
-        kappa = _bending(physics.gravity, steep2, level * level)
+        kappa = bending(physics.gravity, steep2, level * level)
         step = min(step, max(_BEND_PER_STEP / kappa, _SHORTEST_STEP * block.radius))
         step = _straight_on(state, block, path, gu, gv, step, kappa, abs(descent - angle))
         # Over the step the block moves as it heads in its middle.
-        angle += 0.5 * _bent(descent - angle, kappa * step)
+        angle += 0.5 * bent(descent - angle, kappa * step)
     if abs(angle) > _TURN or state.direction < 0 or state.speed <= 0.0:
         state.turn -= angle
         turn_heading(state, block, site, path, physics.gravity, angle, gu, gv, known)
@@ -446,13 +446,13 @@ def _straight_on(
 
 
 @lean
-def _bending(gravity: float, steep2: float, level2: float) -> float:
+def bending(gravity: float, steep2: float, level2: float) -> float:
     """Return κ (1/m), from the squares of the gradient and of the horizontal speed (m²/s²)."""
     return gravity * math.sqrt(steep2) / ((1.0 + steep2) * max(level2, 1e-9))
 
 
 @lean
-def _bent(angle: float, kappa_s: float) -> float:
+def bent(angle: float, kappa_s: float) -> float:
     """Return by how much an angle to the descent falls over κ times a length (rad).
 
     The angle may be more than half a turn: the block turns the shorter way.
@@ -487,8 +487,8 @@ def after_ground(
     """
     # What has moved backwards is turned about before it goes on.
     if steep2 > 1e-12 and state.x > x:
-        kappa = _bending(physics.gravity, steep2, 0.5 * (level * level + level_after * level_after))
-        state.turn += _bent(descent - state.turn, kappa * (state.x - x))
+        kappa = bending(physics.gravity, steep2, 0.5 * (level * level + level_after * level_after))
+        state.turn += bent(descent - state.turn, kappa * (state.x - x))
 
 
 @inlined

@@ -101,7 +101,7 @@ def follow(
     effects = effects or EffectSettings()
     objects = objects or ObjectCells.none()
     n = len(points)
-    strata = strata_of(point_numbers, point_keys, np.column_stack(_places(terrain.grid, points)))
+    strata = strata_of(point_numbers, point_keys, np.column_stack(places_of(terrain.grid, points)))
     lines = [line for line, _ in terrain.control_lines]
     setup = setup_of(table, blocks, settings, lines, effects, first_rock, rocks_per_point, seed)
     forest = terrain.forest
@@ -112,7 +112,7 @@ def follow(
     def ground(n_cells: int) -> tuple[Totals, None, Path, Wanted | None]:
         register = empty_register(terrain.grid.shape, n_cells, window, objects)
         totals = empty_totals(n_cells, bins, register.disks, register.on_objects, objects.n_objects)
-        path = _path(terrain, settings, register, points)
+        path = path_of(terrain, settings, register, points)
         return totals, None, path, _wanted(worth, register, n)
 
     totals, rows, work, path, wanted = run_blocks(
@@ -147,7 +147,7 @@ def room_at_first(steps: int) -> int:
     return max(1 << 13, min(1 << 16, (1 << 23) // max(steps, 1)))
 
 
-def _places(grid: Grid, points: ReleasePoints) -> tuple[FloatArray, FloatArray]:
+def places_of(grid: Grid, points: ReleasePoints) -> tuple[FloatArray, FloatArray]:
     """Return places of release points in cells; InputError where no height is known."""
     bad = np.flatnonzero(~np.isfinite(grid.value_at(points.x, points.y)))
     if bad.size:
@@ -161,7 +161,7 @@ def _places(grid: Grid, points: ReleasePoints) -> tuple[FloatArray, FloatArray]:
     )
 
 
-def _path(
+def path_of(
     terrain: PathTerrain, settings: EngineSettings, register: CellRegister, points: ReleasePoints
 ) -> Path:
     """Return the terrain as the kernel takes it."""

@@ -35,7 +35,6 @@ def split(line, times):
 CASES = {
     "smooth": (lab.valley(), lab.MIXED),
     "rough 0.5 m": (lab.rough(1), dataclasses.replace(lab.MIXED, drop_m=(0.5, 3.0))),
-    "rough 1 m": (lab.rough(3, step=1.0, amplitude=0.1, angle=40.0), lab.MIXED),
 }
 
 

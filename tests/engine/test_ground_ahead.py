@@ -16,7 +16,7 @@ from sassgis.engine.draws import block_of
 from sassgis.engine.effects.hooks import BLOCK_DTYPE
 from sassgis.engine.ground_ahead import look_ahead, room_ahead
 from sassgis.engine.heading import start_path
-from sassgis.engine.simulate_paths import PathTerrain, _path
+from sassgis.engine.simulate_paths import PathTerrain, path_of
 from sassgis.grid import Grid
 from sassgis.settings.map_run import ObjectCells
 from sassgis.settings.settings import EngineSettings
@@ -36,7 +36,7 @@ def sampled(seed: int):
     register = empty_register(grid.shape, 4096, None, ObjectCells.none())
     settings = EngineSettings(drift_deg=0.0).resolved()
     points = points_at(0.0, 0.0)
-    path = _path(PathTerrain(grid, classes, TOLERANCE), settings, register, points)
+    path = path_of(PathTerrain(grid, classes, TOLERANCE), settings, register, points)
     site = room_ahead(np.zeros(2))
     state = np.zeros(1, BLOCK_DTYPE).view(np.recarray)[0]
     block = block_of(0.5, 0.4, 0.4, 2600.0, 800.0, np.uint64(seed))

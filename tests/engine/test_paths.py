@@ -455,15 +455,6 @@ def test_trees_drag_and_fragments_on_paths() -> None:
     assert abs(y[own].mean()) < 5.0
 
 
-def test_a_wind_against_them_turns_blocks_back() -> None:
-    grid = bench(36.0, 120.0)
-    out = paths(grid, x=-110.0, effects=EffectSettings(Wind(acceleration_mps2=-5.0)))
-    calm = paths(grid, x=-110.0)
-    assert (out.rocks["reason"] != StopReason.STEP_LIMIT).all()
-    assert np.isfinite(out.x).all()
-    assert np.median(out.rocks["runout_m"]) < np.median(calm.rocks["runout_m"])
-
-
 def test_a_wind_carries_fragments_of_a_block_that_it_has_turned_back_as_the_block() -> None:
     grid = bench(2.0, 100.0, run_out=2.0)
     high = dataclasses.replace(MIXED, drop_m=(60.0, 60.0))

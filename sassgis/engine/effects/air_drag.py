@@ -44,7 +44,9 @@ CONSTANT, SPHERICITY = 1, 2
 DRAG_STEP_S = 0.05
 
 AirDragNumbers, prepare = kernel_form(
-    AirDrag, lambda own: own.drag_coefficient == 0.0 or own.air_density_kgm3 == 0.0
+    AirDrag,
+    lambda own: own.drag_coefficient == 0.0 or own.air_density_kgm3 == 0.0,
+    lambda: {"step_s": DRAG_STEP_S},
 )
 
 

@@ -20,17 +20,20 @@ Kind = TypeVar("Kind", bound=EffectSection)
 
 
 def kernel_form(
-    kind: type[Kind], neutral: Callable[[Kind], bool] = lambda _: False
+    kind: type[Kind],
+    neutral: Callable[[Kind], bool] = lambda _: False,
+    more: Callable[[], dict[str, float]] = dict,
 ) -> tuple[Any, Callable[[Kind | None], Numbers]]:
     """Return the type of the numbers of an effect, and what makes them of its settings.
 
-    ``neutral`` is whether settings change nothing, so that the effect is off. The type is kept with
+    ``neutral`` is whether settings change nothing, so that the effect is off; ``more`` are numbers
+    that are no settings. The type is kept with
     the machine code: its module has it under the name of the settings with "Numbers" after it.
     """
     plain = {key: get_args(one.kind)[0] for key, one in declared(kind).items()}
     choices = {key: get_args(of) for key, of in plain.items() if get_origin(of) is Literal}
     keys = [key for key, of in plain.items() if key in choices or of in (float, int)]
-    fields = ["form", *(key for key in keys if key != "form")]
+    fields = ["form", *(key for key in keys if key != "form"), *more()]
     name = f"{kind.__name__}Numbers"
     made: Any = namedtuple(name, fields, module=kind.__module__)  # type: ignore[misc]
 
@@ -43,6 +46,7 @@ def kernel_form(
         """Turn the settings into what the kernel reads; None: the effect is off."""
         on = settings is not None and not neutral(settings)
         given = {key: getattr(settings, key) if on else None for key in keys}
-        return made(**{"form": int(on)} | {key: number(key, own) for key, own in given.items()})
+        numbers = {key: number(key, own) for key, own in given.items()}
+        return made(**{"form": int(on)} | numbers | more())
 
     return made, prepare

@@ -154,11 +154,11 @@ def before_flight(
         state.stems = 0.0
         state.at_stem = False
         state.cut = False
-        if effects.drag.form != OFF and limit > air_drag.DRAG_STEP_S:
-            limit = air_drag.DRAG_STEP_S
+        if effects.drag.form != OFF and limit > effects.drag.step_s:
+            limit = effects.drag.step_s
             state.cut = True
-        if effects.push.form != OFF and wind.longest_step(state) < limit:
-            limit = wind.longest_step(state)
+        if effects.push.form != OFF and wind.longest_step(effects.push, state) < limit:
+            limit = wind.longest_step(effects.push, state)
             state.cut = True
         if effects.stand.form != OFF:
             limit = trees.before_flight(effects.stand, state, block, site, gravity, limit)

@@ -41,17 +41,19 @@ MEMORY = (
 )
 
 
-WindNumbers, prepare = kernel_form(Wind, lambda own: own.acceleration_mps2 == 0.0)
+WindNumbers, prepare = kernel_form(
+    Wind, lambda own: own.acceleration_mps2 == 0.0, lambda: {"step_s": WIND_STEP_S}
+)
 
 
 @lean
-def longest_step(state: Record) -> float:
+def longest_step(push: Numbers, state: Record) -> float:
     """Return the longest step of a flight (s).
 
     The first is half as long and begins without a push: a block that has just left the ground is
     not pushed back into it. Steps then are of second order in their length.
     """
-    return float((0.5 + state.push_before) * WIND_STEP_S)
+    return float((0.5 + state.push_before) * push.step_s)
 
 
 @lean

@@ -4,18 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from helpers.engine_lab import (
-    BROKEN,
-    END,
-    MIXED,
-    STEP_LIMIT,
-    G,
-    forest,
-    ground,
-    profile_set,
-    rough_slope,
-    run,
-)
+from helpers import engine_lab as lab
 from hypothesis import HealthCheck, Phase, given, settings
 from hypothesis import strategies as st
 from numpy.lib.recfunctions import structured_to_unstructured
@@ -103,10 +92,10 @@ def rocks(draw):
 
 
 def play(line, blocks, effects, table=None, n=8, cell=2.0, **more):
-    flat = profile_set(line, cell=cell)
-    return run(
-        flat, table or ground(), blocks, effects, n=n, start=(3.0, 20.0),
-        forest=forest(flat, 0.03), **more,
+    flat = lab.profile_set(line, cell=cell)
+    return lab.run(
+        flat, table or lab.ground(), blocks, effects, n=n, start=(3.0, 20.0),
+        forest=lab.forest(flat, 0.03), **more,
     )  # fmt: skip
 
 
@@ -118,14 +107,14 @@ def play(line, blocks, effects, table=None, n=8, cell=2.0, **more):
 @QUICK
 def test_energy_never_grows_beyond_what_gravity_gives(line, blocks, effects, eta, rolling):
     out = play(
-        line, blocks, effects, ground(eta_max=eta), log_events=30_000, n=4,
+        line, blocks, effects, lab.ground(eta_max=eta), log_events=30_000, n=4,
         settings=EngineSettings(readings="1986", rolling=rolling),
     )  # fmt: skip
-    assert (out.rocks["reason"] != STEP_LIMIT).all()
+    assert (out.rocks["reason"] != lab.STEP_LIMIT).all()
     shape = effects.get(RockShape)
     mean = shape is not None and shape.form == "mean_inertia"
     for rock, log in zip(out.rocks, out.event_logs, strict=True):
-        assert log["phase"][-1] == END
+        assert log["phase"][-1] == lab.END
         if len(log) < 2:
             continue
         assert np.isfinite(structured_to_unstructured(log)).all()
@@ -134,8 +123,8 @@ def test_energy_never_grows_beyond_what_gravity_gives(line, blocks, effects, eta
         v2 = log["vx_mps"] ** 2 + log["vz_mps"] ** 2
         energy = 0.5 * (v2 + moment * log["omega_radps"] ** 2)
         height = log["z_m"]
-        total = energy + G * height
-        room = np.maximum(energy + G * (height - height.min()), 1.0)
+        total = energy + lab.G * height
+        room = np.maximum(energy + lab.G * (height - height.min()), 1.0)
         worst = int(np.argmax(np.diff(total) / room[:-1]))
         gain = total[worst + 1] - total[worst]
         assert gain <= 1e-8 * room[worst], (gain, log[worst : worst + 2])
@@ -149,13 +138,13 @@ def test_energy_never_grows_beyond_what_gravity_gives(line, blocks, effects, eta
 def test_pieces_keep_mass_stay_on_the_slope_and_come_to_an_end(line, blocks, effects):
     out = play(line, blocks, effects)
     rows = np.concatenate([out.rocks, out.pieces])
-    assert (rows["reason"] != STEP_LIMIT).all()
+    assert (rows["reason"] != lab.STEP_LIMIT).all()
     inside = (rows["runout_m"] >= 0.0) & (rows["runout_m"] <= line[0][-1])
     assert (rows["runout_z_m"][inside] > np.interp(rows["runout_m"][inside], *line)).all()
     assert out.sums["reach"].max() <= 8
     assert out.sums["stops"].sum() == np.isin(rows["reason"][inside], (0, 1)).sum()
     if effects.get(Fragmentation) is not None and effects.get(Entrainment).number == 0.0:
-        whole = rows["reason"] != BROKEN
+        whole = rows["reason"] != lab.BROKEN
         mass = np.bincount(rows["rock"][whole], rows["mass_kg"][whole], minlength=8)
         assert mass == pytest.approx(out.rocks["mass_kg"], rel=1e-12)
 
@@ -167,7 +156,7 @@ ALL_ON = EffectSettings(
 
 
 def test_all_at_once_give_the_same_rocks_in_any_chunks():
-    line, blocks = rough_slope(2), MIXED
+    line, blocks = lab.rough_slope(2), lab.MIXED
     whole = play(line, blocks, ALL_ON, n=30)
     parts = [play(line, blocks, ALL_ON, n=15, first_rock=k) for k in (0, 15)]
     for name in ("rocks", "pieces", "passages"):

@@ -100,13 +100,6 @@ def test_soft_ground_without_strength_is_the_base_but_for_rounding(base, name):
             )
         )
     assert close >= 118
-    strong = {
-        "fast reference": SoftGround(reference_speed_mps=1.0, classes=()),
-        "no scar": SoftGround("scar", depth_scale=10.0, classes=()),
-        "no drag in the scar": SoftGround("scar", drag_coefficient=10.0, classes=()),
-        "no slip": SoftGround("slip", friction=0.1, classes=()),
-    }[name]
-    assert not same(play(EffectSettings(strong)), base)
 
 
 def test_mean_inertia_of_a_sphere_is_its_own(base):

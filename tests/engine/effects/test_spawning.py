@@ -6,20 +6,7 @@ import math
 
 import numpy as np
 import pytest
-from helpers.engine_lab import (
-    BROKEN,
-    IMPACT,
-    MIXED,
-    G,
-    ground,
-    plain,
-    profile_set,
-    rough_slope,
-    run,
-    slope,
-    sphere,
-    sphere_mass,
-)
+from helpers import engine_lab as lab
 from scipy import stats
 
 from sassgis.engine.draws import block_of
@@ -36,9 +23,9 @@ from sassgis.settings.ground import GroundTable
 from sassgis.settings.profiles import ControlLineCrossings
 from sassgis.settings.results import ControlLine
 
-FLAT = slope((100.0, 0.0))
-ROUGH = rough_slope(6)
-TALUS = GroundTable((ground("talus"),))
+FLAT = lab.slope((100.0, 0.0))
+ROUGH = lab.rough_slope(6)
+TALUS = GroundTable((lab.ground("talus"),))
 
 
 def breaking(*args, **settings):
@@ -64,7 +51,7 @@ def broken(effects, block, number, vx, vz, theta, omega):
 def ended(out):
     """Rocks and pieces that have not broken."""
     rows = np.concatenate([out.rocks, out.pieces])
-    return rows[rows["reason"] != BROKEN]
+    return rows[rows["reason"] != lab.BROKEN]
 
 
 BREAKABLE = [
@@ -80,8 +67,8 @@ BREAKABLE = [
 
 @pytest.mark.parametrize("settings", BREAKABLE)
 def test_pieces_have_the_mass_and_volume_of_their_block_and_are_not_too_small(settings):
-    out = run(ROUGH, ground(), MIXED, EffectSettings(settings), n=200, start=(3, 20))
-    assert (out.rocks["reason"] == BROKEN).sum() > 20
+    out = lab.run(ROUGH, lab.ground(), lab.MIXED, EffectSettings(settings), n=200, start=(3, 20))
+    assert (out.rocks["reason"] == lab.BROKEN).sum() > 20
     rows = ended(out)
     mass = np.bincount(rows["rock"], rows["mass_kg"], minlength=200)
     assert np.abs(mass / out.rocks["mass_kg"] - 1.0).max() < 1e-12
@@ -99,9 +86,14 @@ def test_pieces_have_the_mass_and_volume_of_their_block_and_are_not_too_small(se
 
 
 def test_there_are_more_stops_than_rocks_and_each_is_counted_where_it_is():
-    flat = profile_set(ROUGH)
-    out = run(
-        flat, ground(), MIXED, breaking(energy_jkg=20.0, survival_rate=0.0), n=200, start=(3, 20)
+    flat = lab.profile_set(ROUGH)
+    out = lab.run(
+        flat,
+        lab.ground(),
+        lab.MIXED,
+        breaking(energy_jkg=20.0, survival_rate=0.0),
+        n=200,
+        start=(3, 20),
     )
     rows = ended(out)
     rows = rows[rows["reason"] <= 1]
@@ -199,31 +191,26 @@ def test_volumes_follow_the_power_law_down_to_the_smallest(dimension):
 @pytest.mark.parametrize(("survival", "shape"), [(0.7, 0.0), (0.7, 2.0), (0.3, 1.0)])
 def test_the_survival_rate_is_the_share_of_blocks_that_stay_whole(survival, shape):
     # A sphere that falls straight down on level ground loses all its energy: g h per kg.
-    blocks = sphere(0.5, drop_m=(6.0, 6.0))
+    blocks = lab.sphere(0.5, drop_m=(6.0, 6.0))
     effects = breaking(energy_jkg=50.0, survival_rate=survival, shape=shape, smallest_m3=1e-5)
-    out = run(FLAT, plain(), blocks, effects, n=3000)
-    whole = int((out.rocks["reason"] != BROKEN).sum())
-    expected = survival ** ((6.0 * G / 50.0) ** shape)
+    out = lab.run(FLAT, lab.plain(), blocks, effects, n=3000)
+    whole = int((out.rocks["reason"] != lab.BROKEN).sum())
+    expected = survival ** ((6.0 * lab.G / 50.0) ** shape)
     assert stats.binomtest(whole, 3000, expected).pvalue > 1e-3
 
 
-def test_no_block_breaks_below_the_threshold():
-    effects = breaking(energy_jkg=1.01 * G * 6.0, survival_rate=0.0)
-    out = run(FLAT, plain(), sphere(0.5, drop_m=(6.0, 6.0)), effects, n=100)
-    assert (out.rocks["reason"] != BROKEN).all()
-
-
-def test_the_threshold_is_one():
+@pytest.mark.parametrize("form", ["threshold", "fractal"])
+def test_the_threshold_is_one(form):
     for limit, breaks in ((0.99, True), (1.01, False)):
-        effects = breaking("threshold", limit * G * 3.0)
-        out = run(FLAT, plain(), sphere(0.5, drop_m=(3.0, 3.0)), effects, n=20)
-        assert ((out.rocks["reason"] == BROKEN) == breaks).all()
+        effects = breaking(form, limit * lab.G * 3.0, survival_rate=0.0, smallest_m3=1e-3)
+        out = lab.run(FLAT, lab.plain(), lab.sphere(0.5, drop_m=(3.0, 3.0)), effects, n=20)
+        assert ((out.rocks["reason"] == lab.BROKEN) == breaks).all()
 
 
 def test_endless_breaking_is_told_and_not_cut_off():
     effects = breaking("threshold", 0.0, pieces=20, smallest_m3=1e-5)
     with pytest.raises(InputError, match="spawns too many") as caught:
-        run(ROUGH, ground(), MIXED, effects, n=3)
+        lab.run(ROUGH, lab.ground(), lab.MIXED, effects, n=3)
     assert caught.value.field == "effects"
 
 
@@ -240,20 +227,20 @@ def test_endless_breaking_is_told_and_not_cut_off():
 )
 def test_a_rock_and_its_pieces_count_once_with_the_largest_energy(effects):
     """Brute force: stations every 5 cm see each block by itself."""
-    flat = profile_set(ROUGH)
-    table = GroundTable((ground("talus"), ground("debris")))
+    flat = lab.profile_set(ROUGH)
+    table = GroundTable((lab.ground("talus"), lab.ground("debris")))
     at = np.arange(21.0, 129.0, 0.05) + 0.01
     control_lines = ControlLineCrossings.same_for_all(
         [ControlLine(f"{c:.2f}", "station") for c in at], list(at), 1
     )
-    whole = run(flat, table, MIXED, effects, n=12, start=(3, 20))
+    whole = lab.run(flat, table, lab.MIXED, effects, n=12, start=(3, 20))
     assert whole.sums["reach"].max() <= 12
     reach = np.zeros_like(whole.sums["reach"])
     energy = np.zeros_like(whole.sums["energy_sum"])
     by_piece, ratios = 0, []
     for rock in range(12):
         one = {"first_rock": rock, "start": (3, 20), "control_lines": control_lines}
-        out = run(flat, table, MIXED, effects, **one)
+        out = lab.run(flat, table, lab.MIXED, effects, **one)
         reach += out.sums["reach"]
         energy += out.sums["energy_sum"]
         assert set(np.unique(out.sums["reach"])) <= {0, 1}
@@ -281,11 +268,11 @@ def test_passages_of_pieces_carry_their_mass():
     control_lines = ControlLineCrossings.same_for_all([ControlLine("S", "station")], [60.0], 1)
     effects = breaking(energy_jkg=20.0, survival_rate=0.2)
     own = {"n": 200, "start": (3, 20), "control_lines": control_lines}
-    out = run(ROUGH, ground(), MIXED, effects, **own)
+    out = lab.run(ROUGH, lab.ground(), lab.MIXED, effects, **own)
     rows = np.concatenate([out.rocks, out.pieces])
     known = {(r["rock"], r["mass_kg"]) for r in rows}
     assert {(p["rock"], p["mass_kg"]) for p in out.passages} <= known
-    broken = out.rocks["reason"] == BROKEN
+    broken = out.rocks["reason"] == lab.BROKEN
     whole = out.rocks["mass_kg"][out.passages["rock"]]
     assert (out.passages["mass_kg"] < whole).sum() > 10
     assert broken.any()
@@ -301,10 +288,10 @@ def loose(*args, **settings):
 
 def set_off(effects, drop=3.0, n=3000, radius=0.5):
     """Blocks set off by one impact of each of n spheres, and what that impact took (J)."""
-    blocks = sphere(radius, drop_m=(drop, drop))
-    out = run(FLAT, plain(), blocks, effects, n=n, log_events=6)
-    assert all((c["phase"] == IMPACT).sum() == 1 for c in out.event_logs)
-    return out, np.bincount(out.pieces["rock"], minlength=n), sphere_mass(radius) * G * drop
+    blocks = lab.sphere(radius, drop_m=(drop, drop))
+    out = lab.run(FLAT, lab.plain(), blocks, effects, n=n, log_events=6)
+    assert all((c["phase"] == lab.IMPACT).sum() == 1 for c in out.event_logs)
+    return out, np.bincount(out.pieces["rock"], minlength=n), lab.sphere_mass(radius) * lab.G * drop
 
 
 def chi2_of_poisson(counts, mean, top):
@@ -340,23 +327,25 @@ def test_they_have_no_more_energy_than_the_impact_took(share):
 def test_they_are_as_large_as_told_and_start_from_the_ground():
     out, _, _ = set_off(loose(number=2.0, size_ratio=0.3), n=100)
     assert out.pieces["a_m"] == pytest.approx(0.15, rel=1e-12)
-    assert out.pieces["mass_kg"] == pytest.approx(0.3**3 * sphere_mass(0.5), rel=1e-12)
+    assert out.pieces["mass_kg"] == pytest.approx(0.3**3 * lab.sphere_mass(0.5), rel=1e-12)
     assert (out.pieces["start_m"] == 5.0).all()
     # Thrown up by at most v²/(2 g) at 45 degrees, from where they lay.
     speed2 = 2e3 * out.pieces["max_energy_kj"] / out.pieces["mass_kg"]
-    assert (out.pieces["max_height_m"] <= 0.5 * speed2 / (2.0 * G) + 1e-6).all()
+    assert (out.pieces["max_height_m"] <= 0.5 * speed2 / (2.0 * lab.G) + 1e-6).all()
 
 
 def test_only_where_loose_blocks_lie():
-    table = GroundTable((ground("rock"), ground("talus")))
+    table = GroundTable((lab.ground("rock"), lab.ground("talus")))
     for kind, some in ((0, False), (1, True)):
-        flat = profile_set(ROUGH, classes=kind)
-        out = run(flat, table, MIXED, loose(number=1.0, classes=("talus",)), n=20, start=(3, 20))
+        flat = lab.profile_set(ROUGH, classes=kind)
+        out = lab.run(
+            flat, table, lab.MIXED, loose(number=1.0, classes=("talus",)), n=20, start=(3, 20)
+        )
         assert (out.pieces.size > 0) == some
 
 
 def test_blocks_set_in_motion_set_off_no_others():
-    out = run(ROUGH, TALUS, MIXED, loose(number=10.0), n=20, start=(3, 20))
+    out = lab.run(ROUGH, TALUS, lab.MIXED, loose(number=10.0), n=20, start=(3, 20))
     counts = np.bincount(out.pieces["rock"], minlength=20)
     assert out.pieces["impacts"].sum() > 1000
     assert (counts <= 20 * out.rocks["impacts"]).all()
@@ -365,7 +354,7 @@ def test_blocks_set_in_motion_set_off_no_others():
 
 
 def test_the_rock_itself_goes_on_as_before():
-    base = run(ROUGH, TALUS, MIXED, n=50, start=(3, 20))
-    out = run(ROUGH, TALUS, MIXED, loose(number=1.0), n=50, start=(3, 20))
+    base = lab.run(ROUGH, TALUS, lab.MIXED, n=50, start=(3, 20))
+    out = lab.run(ROUGH, TALUS, lab.MIXED, loose(number=1.0), n=50, start=(3, 20))
     assert out.rocks.tobytes() == base.rocks.tobytes()
     assert out.sums["stops"].sum() > base.sums["stops"].sum()

@@ -6,19 +6,7 @@ import math
 
 import numpy as np
 import pytest
-from helpers.engine_lab import (
-    IMPACT,
-    REST,
-    G,
-    first,
-    forest,
-    plain,
-    profile_set,
-    run,
-    slope,
-    sphere,
-    sphere_mass,
-)
+from helpers import engine_lab as lab
 from scipy import stats
 from scipy.integrate import trapezoid
 
@@ -33,13 +21,13 @@ from sassgis.settings.results import ControlLine
 ANGLE = 30.0
 RADIUS = 0.4
 #: A sphere rolls here at constant speed: friction is the tangent of the slope.
-EVEN = plain(mu_0=math.tan(math.radians(ANGLE)))
-LINE = slope((300.0, ANGLE))
+EVEN = lab.plain(mu_0=math.tan(math.radians(ANGLE)))
+LINE = lab.slope((300.0, ANGLE))
 V0 = 12.0
-ROLLING = sphere(
+ROLLING = lab.sphere(
     RADIUS, speed_mps=(V0, V0), spin_radps=(V0 / RADIUS, V0 / RADIUS), orientation_rad=(0.0, 0.0)
 )
-MASS = sphere_mass(RADIUS)
+MASS = lab.sphere_mass(RADIUS)
 ROLLING_ENERGY = 0.5 * MASS * V0**2 * 1.4
 ONE_STEM = 38.7 * 30.0**2.31  # J, DBH 30 cm
 
@@ -57,9 +45,9 @@ def energy_at(out, control_line):
 
 def stems_met(effects, flat, stems, n=1500, chainages=(205.0,)):
     """Stems that each rolling rock has met up to each station; each takes 1e-4 of its energy."""
-    out = run(
+    out = lab.run(
         flat, EVEN, ROLLING, effects, n=n, start=5.0, control_lines=control_lines(*chainages),
-        forest=forest(flat, stems),
+        forest=lab.forest(flat, stems),
     )  # fmt: skip
     counts = [(ROLLING_ENERGY - energy_at(out, i)) / FEW for i in range(len(chainages))]
     for c in counts:
@@ -76,7 +64,7 @@ WEAK = EffectSettings(Trees("full_stems", efficiency=FEW / ONE_STEM))
 def test_stems_met_on_a_long_roll_are_poisson(cell):
     density = 0.012
     mean = density * (2.0 * RADIUS + 0.3) * 200.0
-    (counts,) = stems_met(WEAK, profile_set(LINE, cell=cell), density)
+    (counts,) = stems_met(WEAK, lab.profile_set(LINE, cell=cell), density)
     top = 7
     seen = np.bincount(np.minimum(counts, top), minlength=top + 1)
     expected = stats.poisson(mean).pmf(np.arange(top))
@@ -86,12 +74,14 @@ def test_stems_met_on_a_long_roll_are_poisson(cell):
 
 
 def test_the_same_stems_whatever_the_cells():
-    fine, coarse = (stems_met(WEAK, profile_set(LINE, cell=cell), 0.012)[0] for cell in (0.5, 50.0))
+    fine, coarse = (
+        stems_met(WEAK, lab.profile_set(LINE, cell=cell), 0.012)[0] for cell in (0.5, 50.0)
+    )
     assert (fine == coarse).all()
 
 
 def test_nothing_is_met_outside_the_stand():
-    flat = profile_set(LINE)
+    flat = lab.profile_set(LINE)
     middle = flat.cell_s[:-1] + 1.0
     stems = np.where((middle > 100.0) & (middle < 150.0), 0.03, 0.0)
     before, inside, after, end = stems_met(WEAK, flat, stems, chainages=(99.9, 125.0, 150.1, 250.0))
@@ -151,24 +141,26 @@ def test_where_a_stem_is_hit_matters():
 
 
 def landing(effects, flat, stems, n=1, speed=20.0, drop=40.0, blocks=None):
-    blocks = blocks or sphere(RADIUS, drop_m=(drop, drop), speed_mps=(speed, speed))
-    out = run(flat, plain(), blocks, effects, n=n, log_events=600, forest=forest(flat, stems))
-    return np.array([first(c, IMPACT) for c in out.event_logs])
+    blocks = blocks or lab.sphere(RADIUS, drop_m=(drop, drop), speed_mps=(speed, speed))
+    out = lab.run(
+        flat, lab.plain(), blocks, effects, n=n, log_events=600, forest=lab.forest(flat, stems)
+    )
+    return np.array([lab.first(c, lab.IMPACT) for c in out.event_logs])
 
 
 @pytest.mark.parametrize("cell", [0.5, 2.0, 100.0])
 def test_stems_are_met_below_their_height_only(cell):
-    flat = profile_set(slope((200.0, 0.0)), cell=cell)
+    flat = lab.profile_set(lab.slope((200.0, 0.0)), cell=cell)
     height, density, speed = 15.0, 0.05, 20.0
     take = 0.05 * MASS
     effects = EffectSettings(Trees("full_stems", efficiency=take / ONE_STEM, height_m=height))
     n = 800
     met = landing(effects, flat, density, n, speed)
-    full = 0.5 * MASS * (speed**2 + 2.0 * G * 40.0)
+    full = 0.5 * MASS * (speed**2 + 2.0 * lab.G * 40.0)
     left = 0.5 * MASS * (met["vx_mps"] ** 2 + met["vz_mps"] ** 2)
     # What a stem takes is no longer gained by falling, so counts are whole but for that.
     counts = (full - left) / take
-    falls = math.sqrt(2.0 * (40.0 + RADIUS - height) / G), math.sqrt(2.0 * 40.0 / G)
+    falls = math.sqrt(2.0 * (40.0 + RADIUS - height) / lab.G), math.sqrt(2.0 * 40.0 / lab.G)
     mean = density * (2.0 * RADIUS + 0.3) * speed * (falls[1] - falls[0])
     assert counts.mean() == pytest.approx(mean, abs=4.0 * math.sqrt(mean / n))
     assert counts.var() == pytest.approx(mean, rel=0.2)
@@ -181,43 +173,26 @@ def test_stems_are_met_below_their_height_only(cell):
     assert ((full - left) / take).mean() == pytest.approx(whole, abs=4.0 * math.sqrt(whole / n))
 
 
-@pytest.mark.parametrize("cell", [0.5, 2.0, 100.0])
-def test_the_loss_in_a_forest_does_not_depend_on_the_cells(cell):
-    # A rough run through a real forest: the mean run-out agrees with that on cells of 2 m.
-    from helpers.engine_lab import MIXED, ground, rough_slope
-
-    effects = EffectSettings(Trees())
-    runs = []
-    for size in (2.0, cell):
-        flat = profile_set(rough_slope(5), cell=size)
-        out = run(
-            flat, ground(), MIXED, effects, n=1500, start=(3.0, 20.0), forest=forest(flat, 0.04)
-        )
-        runs.append(out.rocks["runout_m"])
-    error = math.hypot(*(r.std() / math.sqrt(r.size) for r in runs))
-    assert runs[0].mean() == pytest.approx(runs[1].mean(), abs=3.0 * error)
-
-
 def test_a_viscous_forest_slows_a_flight_exponentially():
     k, drop, speed = 600.0, 60.0, 15.0
     effects = EffectSettings(Trees("viscous", drag_kgps=k, height_m=100.0))
     for cell in (0.5, 2.0, 100.0):
-        flat = profile_set(slope((200.0, 0.0)), cell=cell)
+        flat = lab.profile_set(lab.slope((200.0, 0.0)), cell=cell)
         (met,) = landing(effects, flat, 0.01, speed=speed, drop=drop)
         t = met["t_s"]
         decay = math.exp(-k * t / MASS)
         assert decay < 0.4
         assert met["vx_mps"] == pytest.approx(speed * decay, rel=1e-9)
-        assert met["vz_mps"] == pytest.approx(-MASS * G / k * (1.0 - decay), rel=1e-3)
-        way = MASS * G / k * (t - MASS / k * (1.0 - decay))
+        assert met["vz_mps"] == pytest.approx(-MASS * lab.G / k * (1.0 - decay), rel=1e-3)
+        way = MASS * lab.G / k * (t - MASS / k * (1.0 - decay))
         assert way == pytest.approx(drop, rel=2e-3)
-    flat = profile_set(slope((200.0, 0.0)))
-    still = run(
-        flat, plain(), sphere(RADIUS, drop_m=(drop, drop)), effects, log_events=600,
-        forest=forest(flat, 0.01),
+    flat = lab.profile_set(lab.slope((200.0, 0.0)))
+    still = lab.run(
+        flat, lab.plain(), lab.sphere(RADIUS, drop_m=(drop, drop)), effects, log_events=600,
+        forest=lab.forest(flat, 0.01),
     )  # fmt: skip
     # Also where it falls straight down, and not at all where no tree stands.
-    assert still.rocks["max_speed_mps"][0] < 0.8 * math.sqrt(2.0 * G * drop)
+    assert still.rocks["max_speed_mps"][0] < 0.8 * math.sqrt(2.0 * lab.G * drop)
     (free,) = landing(effects, flat, 0.0, speed=speed, drop=drop)
     assert free["vx_mps"] == speed
 
@@ -227,21 +202,21 @@ def test_a_viscous_forest_stops_a_rolling_rock(cell):
     # At constant speed but for the forest: dv/dx = -k/m, so that it ends at m v/k.
     k = 60.0
     effects = EffectSettings(Trees("viscous", drag_kgps=k))
-    flat = profile_set(LINE, cell=cell)
-    out = run(
+    flat = lab.profile_set(LINE, cell=cell)
+    out = lab.run(
         flat,
         EVEN,
         ROLLING,
         effects,
         n=1,
         control_lines=control_lines(55.0, 105.0),
-        forest=forest(flat, 0.01),
+        forest=lab.forest(flat, 0.01),
     )
     cosine = math.cos(math.radians(ANGLE))
     for control_line, way in ((0, 50.0), (1, 100.0)):
         speed = out.passages["speed_mps"][out.passages["control_line"] == control_line]
         assert speed == pytest.approx(V0 - k / MASS * way / cosine, abs=0.1)
-    assert out.rocks["reason"][0] == REST
+    assert out.rocks["reason"][0] == lab.REST
     end = 5.0 + MASS * V0 / k * cosine
     # Its centre starts and ends beside its foot.
     assert out.rocks["runout_m"][0] == pytest.approx(end, abs=0.02 * end)
@@ -252,11 +227,13 @@ def test_a_viscous_forest_lets_a_rolling_rock_come_to_its_steady_speed(k):
     # g (sin β − μ cos β) m/k, whether it starts faster or slower.
     pull = 1.0
     slope_of = math.radians(ANGLE)
-    ground = plain(mu_0=math.tan(slope_of) - pull / (G * math.cos(slope_of)))
+    ground = lab.plain(mu_0=math.tan(slope_of) - pull / (lab.G * math.cos(slope_of)))
     effects = EffectSettings(Trees("viscous", drag_kgps=k))
-    flat = profile_set(slope((2000.0, ANGLE)))
+    flat = lab.profile_set(lab.slope((2000.0, ANGLE)))
     at = control_lines(1900.0)
-    out = run(flat, ground, ROLLING, effects, n=1, control_lines=at, forest=forest(flat, 0.01))
+    out = lab.run(
+        flat, ground, ROLLING, effects, n=1, control_lines=at, forest=lab.forest(flat, 0.01)
+    )
     assert out.passages["speed_mps"] == pytest.approx(pull * MASS / k, rel=1e-3)
 
 
@@ -268,10 +245,10 @@ def test_hardly_any_viscous_drag_is_none(k):
     for pull in (-2.0, 0.0, 2.0):
         found = trees.gain_over(stand, 0.01, MASS, 3.0, 3.0 * pull, 1.5)
         assert found == pytest.approx(3.0 * pull, abs=3e-9 + 30.0 * k / MASS)
-    flat = profile_set(LINE, cell=2.0)
+    flat = lab.profile_set(LINE, cell=2.0)
     rocks = [
-        run(flat, EVEN, ROLLING, EffectSettings(Trees("viscous", drag_kgps=drag)), n=1,
-            forest=forest(flat, 0.01)).rocks
+        lab.run(flat, EVEN, ROLLING, EffectSettings(Trees("viscous", drag_kgps=drag)), n=1,
+            forest=lab.forest(flat, 0.01)).rocks
         for drag in (0.0, k)
     ]  # fmt: skip
     assert rocks[1]["runout_m"] == pytest.approx(rocks[0]["runout_m"], rel=1e-3)
@@ -280,11 +257,11 @@ def test_hardly_any_viscous_drag_is_none(k):
 def test_a_strong_stem_stops_a_rock_where_it_is_met():
     # Ways to the first stem are exponential. Friction is just above the slope, so that a rock that
     # has been stopped stays.
-    ground = plain(mu_0=(1.0 + 1e-9) * math.tan(math.radians(ANGLE)))
-    flat = profile_set(slope((2000.0, ANGLE)))
+    ground = lab.plain(mu_0=(1.0 + 1e-9) * math.tan(math.radians(ANGLE)))
+    flat = lab.profile_set(lab.slope((2000.0, ANGLE)))
     effects = EffectSettings(Trees("full_stems"))
-    out = run(flat, ground, ROLLING, effects, n=800, forest=forest(flat, 0.02))
+    out = lab.run(flat, ground, ROLLING, effects, n=800, forest=lab.forest(flat, 0.02))
     assert ONE_STEM > ROLLING_ENERGY
-    assert (out.rocks["reason"] == REST).all()
+    assert (out.rocks["reason"] == lab.REST).all()
     ways = out.rocks["runout_m"] - 5.0
     assert stats.kstest(ways, "expon", (0.0, 1.0 / (0.02 * (2.0 * RADIUS + 0.3)))).pvalue > 1e-3
