@@ -23,18 +23,13 @@ from typing import Annotated, Any, NotRequired, Required
 import numpy as np
 from pydantic import AfterValidator, TypeAdapter, ValidationError
 from pydantic.json_schema import GenerateJsonSchema
-from typing_extensions import TypedDict
 
 from sassgis.engine.effects.lateral_deflection import LateralDeflection
 from sassgis.engine.effects.registry import EFFECTS, Effect
 from sassgis.errors import ConfigError, InputError
 from sassgis.files.input_parts import file_digest
 from sassgis.files.plain_file import read_toml, seen_from
-from sassgis.inputs.checked import (
-    Messages,
-    Place,
-    first_of,
-)
+from sassgis.inputs.checked import Place, first_error, first_of, table_type
 from sassgis.settings.blocks import BlockPopulation
 from sassgis.settings.effects import EffectSection, EffectSettings
 from sassgis.settings.exposure import ObjectSettings, RiskSettings
@@ -42,7 +37,6 @@ from sassgis.settings.hazard_rules import EditSettings, HazardSettings, Onset, Z
 from sassgis.settings.results import ControlLine
 from sassgis.settings.run_config import Config
 from sassgis.settings.schema import (
-    RULES,
     Declared,
     InMemory,
     Section,
@@ -115,18 +109,6 @@ FILE_KEYS: Mapping[str, tuple[str, ...]] = {
 # ---------------------------------------------------------------------------------------------
 # Reading
 
-# The keys are known at run time only, which type checkers do not follow.
-_new_table: Any = TypedDict
-
-
-def _table(name: str, fields: Mapping[str, Any], about: str) -> Any:
-    """Return a type for pydantic: a table with these keys and no others."""
-    table = _new_table(name, dict(fields))
-    table.__pydantic_config__ = RULES
-    table.__doc__ = about
-    return table
-
-
 EffectTable = tuple[EffectSection, Section | None]
 
 
@@ -144,7 +126,7 @@ def _effect_type(row: Effect) -> Any:
         key: Required[own.kind] if own.is_required else NotRequired[own.kind]
         for key, own in row.keys.items()
     }
-    table = _table(f"effects.{row.name}", fields, first_line(row.settings))
+    table = table_type(f"effects.{row.name}", fields, first_line(row.settings))
     return Annotated[table, AfterValidator(made)]
 
 
@@ -166,9 +148,9 @@ def _document() -> TypeAdapter[dict[str, Any]]:
         own: Any = cls
         if name == "effects":
             rows = {row.name: NotRequired[_effect_type(row)] for row in EFFECTS.values()}
-            own = _table("effects", rows, first_line(cls))
+            own = table_type("effects", rows, first_line(cls))
         kinds[name] = NotRequired[Several[own] if name in LISTS else own]
-    return TypeAdapter(_table("document", kinds, "A run of sassgis"))
+    return TypeAdapter(table_type("document", kinds, "A run of sassgis"))
 
 
 class _ForToml(GenerateJsonSchema):
@@ -304,8 +286,7 @@ def _config_of(document: dict[str, Any], file: Path | None, base: Path) -> Confi
     try:
         sections = _document().validate_python(whole, context={"base": base, "file": file})
     except ValidationError as error:
-        messages = Messages(file, document, LISTS, _nearest, _setting)
-        raise first_of(messages.of(error)) from None
+        raise first_error(error, file, document, LISTS, _nearest, setting=_setting) from None
     problems = _cross_checks(sections, file)
     blocks = []
     for block in sections.get("blocks", ()):
