@@ -25,16 +25,8 @@ class SassgisError(Exception):
 class InputError(SassgisError):
     """Raised when a file or value that the user gave cannot be used.
 
-    Parameters
-    ----------
-    problem
-        What is wrong, in plain words.
-    file
-        The file in which it was found.
-    field
-        The key, column, layer or band that holds it.
-    found, expected
-        The offending value, and what would have been accepted.
+    It says what is wrong (``problem``), in which file and key, column, layer or band (``field``),
+    the value that was ``found`` there, and what would have been accepted (``expected``).
     """
 
     exit_code = 2
