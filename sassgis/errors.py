@@ -1,13 +1,16 @@
-"""The errors that sassgis raises on purpose.
+"""The errors that sassgis raises on purpose, and what its readers have to say.
 
-Every one of them prints as a single line. Anything else that escapes is a bug in sassgis.
+Every error prints as a single line. Anything else that escapes is a bug in sassgis.
 """
 
 from __future__ import annotations
 
 import errno
+import logging
 from collections.abc import Iterator
-from typing import Any
+from contextlib import contextmanager
+from contextvars import ContextVar
+from typing import Any, Literal
 
 #: What a message repeats of an input, or offers instead, is cut to so many characters and the last.
 _FIRST, _LAST = 400, 150
@@ -22,16 +25,8 @@ class SassgisError(Exception):
 class InputError(SassgisError):
     """Raised when a file or value that the user gave cannot be used.
 
-    Parameters
-    ----------
-    problem
-        What is wrong, in plain words.
-    file
-        The file in which it was found.
-    field
-        The key, column, layer or band that holds it.
-    found, expected
-        The offending value, and what would have been accepted.
+    It says what is wrong (``problem``), in which file and key, column, layer or band (``field``),
+    the value that was ``found`` there, and what would have been accepted (``expected``).
     """
 
     exit_code = 2
@@ -62,6 +57,37 @@ class InputError(SassgisError):
         """Return its parts, to make one that says ``other`` things of the same fault."""
         names = ("problem", "file", "field", "found", "expected")
         return {name: getattr(self, name) for name in names} | other
+
+
+#: Lists of notices, and of what needs no attention, of those who collect them.
+_COLLECTED: ContextVar[tuple[tuple[list[str], list[str] | None], ...]] = ContextVar(
+    "collected", default=()
+)
+
+
+def notice(text: str, level: Literal["info", "warning", "error"] = "warning") -> None:
+    """Say something of an input to all who collect notices, and to the log of the program."""
+    collected = _COLLECTED.get()
+    for notices, quietly in collected:
+        own = quietly if level == "info" else notices
+        if own is not None and text not in own:
+            own.append(text)
+    if all(quietly is None for _, quietly in collected):
+        logging.getLogger("sassgis").log(getattr(logging, level.upper()), "%s", text)
+
+
+@contextmanager
+def collected_notices(quietly: list[str] | None = None) -> Iterator[list[str]]:
+    """Collect what the readers have to say within the block, each once.
+
+    With ``quietly`` also what needs no attention, in that list; the log gets nothing of both.
+    """
+    notices: list[str] = []
+    before = _COLLECTED.set((*_COLLECTED.get(), (notices, quietly)))
+    try:
+        yield notices
+    finally:
+        _COLLECTED.reset(before)
 
 
 def chain(error: BaseException) -> Iterator[BaseException]:

@@ -69,10 +69,7 @@ class Grid:
         return u / self.cell_size, v / self.cell_size
 
     def col_row(self, x: FloatArray, y: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return fractional column and row of points.
-
-        The centre of cell (row i, col j) is (j, i).
-        """
+        """Return fractional column and row of points; the centre of cell (i, j) is (j, i)."""
         u, v = self.uv(x, y)
         return u - 0.5, v - 0.5
 

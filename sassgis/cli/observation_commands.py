@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import logging
 from pathlib import Path
 from typing import Any
 
@@ -22,6 +21,7 @@ from sassgis.cli.options import (
     several,
 )
 from sassgis.cli.progress_bar import ProgressBar, notes, printed
+from sassgis.errors import collected_notices
 
 
 @command(
@@ -99,13 +99,9 @@ def validate_observations(observations: Path, config: Path | None) -> None:
         # Whole, as a diagnosis reads it.
         run = read_map_run(load_config(config))
         compared = run.grid, *drop_and_density(run.blocks)
-    log = logging.getLogger(read_observations.__module__)
     # All is told below, once.
-    log.disabled = True
-    try:
+    with collected_notices(quietly=[]):
         read = read_observations(observations, *compared)
-    finally:
-        log.disabled = False
     findings = check(read, *compared)
     for finding in findings:
         click.echo(str(finding))

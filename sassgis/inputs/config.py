@@ -14,7 +14,6 @@ import json
 import os
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import replace
 from functools import cache, partial
 from os import PathLike
 from pathlib import Path
@@ -23,18 +22,13 @@ from typing import Annotated, Any, NotRequired, Required
 import numpy as np
 from pydantic import AfterValidator, TypeAdapter, ValidationError
 from pydantic.json_schema import GenerateJsonSchema
-from typing_extensions import TypedDict
 
 from sassgis.engine.effects.lateral_deflection import LateralDeflection
 from sassgis.engine.effects.registry import EFFECTS, Effect
 from sassgis.errors import ConfigError, InputError
 from sassgis.files.input_parts import file_digest
 from sassgis.files.plain_file import read_toml, seen_from
-from sassgis.inputs.checked import (
-    Messages,
-    Place,
-    first_of,
-)
+from sassgis.inputs.checked import Place, first_error, first_of, table_type
 from sassgis.settings.blocks import BlockPopulation
 from sassgis.settings.effects import EffectSection, EffectSettings
 from sassgis.settings.exposure import ObjectSettings, RiskSettings
@@ -42,7 +36,6 @@ from sassgis.settings.hazard_rules import EditSettings, HazardSettings, Onset, Z
 from sassgis.settings.results import ControlLine
 from sassgis.settings.run_config import Config
 from sassgis.settings.schema import (
-    RULES,
     Declared,
     InMemory,
     Section,
@@ -115,18 +108,6 @@ FILE_KEYS: Mapping[str, tuple[str, ...]] = {
 # ---------------------------------------------------------------------------------------------
 # Reading
 
-# The keys are known at run time only, which type checkers do not follow.
-_new_table: Any = TypedDict
-
-
-def _table(name: str, fields: Mapping[str, Any], about: str) -> Any:
-    """Return a type for pydantic: a table with these keys and no others."""
-    table = _new_table(name, dict(fields))
-    table.__pydantic_config__ = RULES
-    table.__doc__ = about
-    return table
-
-
 EffectTable = tuple[EffectSection, Section | None]
 
 
@@ -144,7 +125,7 @@ def _effect_type(row: Effect) -> Any:
         key: Required[own.kind] if own.is_required else NotRequired[own.kind]
         for key, own in row.keys.items()
     }
-    table = _table(f"effects.{row.name}", fields, first_line(row.settings))
+    table = table_type(f"effects.{row.name}", fields, first_line(row.settings))
     return Annotated[table, AfterValidator(made)]
 
 
@@ -166,9 +147,9 @@ def _document() -> TypeAdapter[dict[str, Any]]:
         own: Any = cls
         if name == "effects":
             rows = {row.name: NotRequired[_effect_type(row)] for row in EFFECTS.values()}
-            own = _table("effects", rows, first_line(cls))
+            own = table_type("effects", rows, first_line(cls))
         kinds[name] = NotRequired[Several[own] if name in LISTS else own]
-    return TypeAdapter(_table("document", kinds, "A run of sassgis"))
+    return TypeAdapter(table_type("document", kinds, "A run of sassgis"))
 
 
 class _ForToml(GenerateJsonSchema):
@@ -201,10 +182,7 @@ def config_schema() -> dict[str, Any]:
 def load_config(path: str | PathLike[str], overrides: Mapping[str, object] | None = None) -> Config:
     """Read and check a configuration, a TOML file; no raster and no layer is opened.
 
-    Parameters
-    ----------
-    overrides
-        Values that replace those of the file, by dotted key, as in ``{"run.seed": 7}``.
+    ``overrides`` replace values of the file, by dotted key, as in ``{"run.seed": 7}``.
     """
     file = Path(os.path.expanduser(path))
     try:
@@ -223,24 +201,14 @@ def load_config(path: str | PathLike[str], overrides: Mapping[str, object] | Non
 def configure(**sections: Any) -> Config:
     """Return a configuration made by a program: the sections and keys of the file, as keywords.
 
-    Parameters
-    ----------
-    **sections
-        Each a mapping of keys to values, or its settings as an object; ``blocks``, ``stations``,
-        ``barriers`` and ``objects`` a sequence of them. Where a key names a file, the value may be
-        a path, or what is in memory: a raster as xarray.DataArray or as (array, affine transform,
-        coordinate system), a layer as GeoDataFrame, a table as DataFrame, for ``ground.classes``
-        also ground classes. Paths are relative to the working folder.
+    Each is a mapping of keys to values, or its settings as an object; ``blocks``, ``stations``,
+    ``barriers`` and ``objects`` are sequences of them. Where a key names a file, the value may be a
+    path, or what is in memory: a raster as xarray.DataArray or as (array, affine transform,
+    coordinate system), a layer as GeoDataFrame, a table as DataFrame, for ``ground.classes`` also
+    ground classes. Paths are relative to the working folder.
 
-    Raises
-    ------
-    ConfigError
-        As load_config.
-    InputError
-        What is in memory cannot be used.
+    ConfigError as of load_config; InputError if what is in memory cannot be used.
 
-    Examples
-    --------
     >>> import sassgis
     >>> config = sassgis.configure(
     ...     terrain={"dem": "dem.tif"},
@@ -304,41 +272,21 @@ def _config_of(document: dict[str, Any], file: Path | None, base: Path) -> Confi
     try:
         sections = _document().validate_python(whole, context={"base": base, "file": file})
     except ValidationError as error:
-        messages = Messages(file, document, LISTS, _nearest, _setting)
-        raise first_of(messages.of(error)) from None
-    problems = _cross_checks(sections, file)
-    blocks = []
-    for block in sections.get("blocks", ()):
-        try:
-            blocks.append(_population(block))
-        except InputError as error:
-            field = f"blocks[{block.name}].{error.field}"
-            problems.append(ConfigError(**error.parts(file=file, field=field)))
-    if problems:
+        raise first_error(error, file, document, LISTS, _nearest, setting=_setting) from None
+    if problems := _cross_checks(sections, file):
         raise first_of(problems)
-    return replace(_config(sections, tuple(blocks), file, notes), given=document, base=base)
-
-
-def _config(
-    sections: Mapping[str, Any],
-    blocks: tuple[BlockPopulation, ...],
-    file: Path | None,
-    notes: list[str],
-) -> Config:
-    """Return the configuration from its sections."""
     # The effects that are on, in the order of the registry.
     effects: dict[str, EffectTable] = {
         name: sections["effects"][name] for name in EFFECTS if name in sections["effects"]
     }
-    plain = {name: sections.get(name, ()) for name in SECTIONS}
     trees: Any = effects["trees"][1] if "trees" in effects else None
-    own = {
-        "blocks": blocks,
+    plain = {name: sections.get(name, ()) for name in SECTIONS} | {
+        "blocks": tuple(map(_population, sections["blocks"])),
         "effects": EffectSettings(*(settings for settings, _ in effects.values())),
         "profile": sections.get("profile"),
     }
-    onsets = {b.name: _onset(b) for b in sections["blocks"]}
-    return Config(file=file, trees=trees, onsets=onsets, notes=tuple(notes), **{**plain, **own})
+    plain |= {"onsets": {b.name: _onset(b) for b in sections["blocks"]}, "notes": tuple(notes)}
+    return Config(file=file, trees=trees, given=document, base=base, **plain)
 
 
 def _with_new_names(document: dict[str, Any], file: Path | None) -> list[str]:
@@ -425,25 +373,21 @@ def _with_files(node: Any, told: Callable[[str], str]) -> Any:
 def _plain_effect(row: Effect, config: Config) -> dict[str, Any] | None:
     """Return settings of an effect, and of where it acts; None if it is off."""
     settings = config.effects.named(row.name)
-    if settings is None:
-        return None
     place = {} if row.place is None or config.trees is None else _plain(config.trees)
-    return {**place, **_plain(settings)}
+    return None if settings is None else {**place, **_plain(settings)}
 
 
 def _plain(item: Any) -> dict[str, Any]:
-    """Return values as JSON has them."""
+    """Return values as JSON has them: a path as it stands, an input in memory by what it holds."""
     fields = [field.name for field in dataclasses.fields(item)]
     names = declared(type(item)) if isinstance(item, Section) else fields
-    plain: dict[str, Any] = json.loads(
-        json.dumps({name: getattr(item, name) for name in names}, default=_as_text)
-    )
+
+    def as_text(value: object) -> str:
+        return f"{_IN_MEMORY}{value.digest}" if isinstance(value, InMemory) else str(value)
+
+    values = {name: getattr(item, name) for name in names}
+    plain: dict[str, Any] = json.loads(json.dumps(values, default=as_text))
     return plain
-
-
-def _as_text(value: object) -> str:
-    """Return a path as it stands; an input in memory by what it holds."""
-    return f"{_IN_MEMORY}{value.digest}" if isinstance(value, InMemory) else str(value)
 
 
 _IN_MEMORY = "in memory: "
@@ -455,13 +399,11 @@ PHYSICS_SECTIONS = (
 
 
 def settings_hash(config: Config, *, sections: Iterable[str] = PHYSICS_SECTIONS) -> str:
-    """Return the fingerprint of a run.
+    """Return the fingerprint of a run: 64 hexadecimal digits, the same on every machine.
 
-    It is equal if and only if the settings and the files they name are equal.
-
-    Files count by what they hold, and not by where they are. The number of jobs does not count,
-    nor that of draws of the ground classes: the blocks of the run itself are the same. It has 64
-    hexadecimal digits, the same on every machine. Only the ``sections`` count.
+    It is equal if and only if the settings of the ``sections`` and the files they name are equal.
+    Files count by what they hold, not by where they are. The number of jobs does not count, nor
+    that of draws of the ground classes: the blocks of the run itself are the same.
     """
     plain = resolved(config)
     chosen = {section: plain[section] for section in sections}
@@ -509,7 +451,7 @@ def _cross_checks(sections: Mapping[str, Any], file: Path | None) -> list[Config
                 field=f"effects.{LateralDeflection.name}",
                 found='terrain.path = "fall_line"',
                 expected='terrain.path = "followed" (the default)',
-            )
+            )  # fmt: skip
         )
     return problems
 
@@ -539,6 +481,7 @@ def _keys_at(loc: Place) -> Mapping[str, Declared]:
 
 
 def _setting(loc: Place) -> Declared | None:
+    """Return the setting at a place; None where there is none."""
     keys = _keys_at(loc)
     return next((keys[str(part)] for part in reversed(loc) if str(part) in keys), None)
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import logging
 import math
 import warnings
 from collections.abc import Callable, Iterator, Sequence
@@ -24,7 +23,7 @@ from rasterio.io import MemoryFile
 from rasterio.warp import reproject
 from rasterio.windows import Window
 
-from sassgis.errors import InputError
+from sassgis.errors import InputError, notice
 from sassgis.files.gdal_safety import RASTER, kept_dataset, offline, open_dataset
 from sassgis.files.plain_file import check_file, check_text, in_memory
 from sassgis.grid import BoolArray, FloatArray, Grid
@@ -34,8 +33,6 @@ from sassgis.settings.process import require_memory
 from sassgis.settings.results import Band, RasterClass, RasterLayer
 from sassgis.settings.schema import AnyInput, InMemory, Input, named
 from sassgis.settings.styles import PICTURE
-
-log = logging.getLogger(__name__)
 
 #: Metres in the height units that rasters state; US survey foot as defined in 1893.
 METRES = {
@@ -283,7 +280,7 @@ def _height_unit(dataset: Any, band: int, file: Input, vertical_unit: float) -> 
         )  # fmt: skip
     unit = METRES[stated] if stated else vertical_unit
     if unit != 1.0:
-        log.info("%s: heights are converted to metres (1 unit = %.6f m)", file, unit)
+        notice(f"{file}: heights are converted to metres (1 unit = {unit:.6f} m)", "info")
     return unit
 
 
@@ -337,22 +334,22 @@ def _heights(dataset: Any, dem: DemFile, part: Window | None = None) -> FloatArr
         )
     zeros = lone_zeros(values)
     if zeros.any():
-        log.warning(
-            "%s: band %d: %d cells hold exactly 0 while all others lie above %.0f m; "
-            "probably nodata that is not declared",
-            file, band, int(zeros.sum()), math.floor(float(np.nanmin(values[~zeros]))),
-        )  # fmt: skip
+        others = math.floor(float(np.nanmin(values[~zeros])))
+        notice(
+            f"{file}: band {band}: {zeros.sum()} cells hold exactly 0 while all others lie above "
+            f"{others} m; probably nodata that is not declared"
+        )
     kinds = few_values(values)
     if kinds:
-        log.warning(
-            "%s: band %d holds %d different numbers from %g to %g: a map of classes, such as zones "
-            "or codes of ground, is no terrain model",
-            file, band, len(kinds), kinds[0], kinds[-1],
-        )  # fmt: skip
+        notice(
+            f"{file}: band {band} holds {len(kinds)} different numbers from {kinds[0]:g} to "
+            f"{kinds[-1]:g}: a map of classes, such as zones or codes of ground, is no terrain "
+            "model"
+        )
     elif raw.dtype == np.uint8:
-        log.warning(
-            "%s: heights are stored as bytes (0 to 255); this may be an image such as a hillshade",
-            file,
+        notice(
+            f"{file}: heights are stored as bytes (0 to 255); this may be an image such as a "
+            "hillshade"
         )
     return values
 
@@ -434,8 +431,11 @@ def _squared(values: FloatArray, transform: Affine, file: Input) -> tuple[FloatA
     require_room((n_rows, n_cols), file)
     target = Affine(cell, 0.0, west, 0.0, -cell, north)
     what = "rotated cells" if transform.b or transform.d else "cells that are not square"
-    text = "%s: %s (%g m x %g m) are resampled to square cells of %g m with north up (bilinear)"
-    log.info(text, file, what, width, height, cell)
+    notice(
+        f"{file}: {what} ({width:g} m x {height:g} m) are resampled to square cells of {cell:g} m "
+        "with north up (bilinear)",
+        "info",
+    )
     square = resample(values, transform, target, (n_rows, n_cols), Resampling.bilinear, np.nan)
     return square, target
 
@@ -503,7 +503,7 @@ def on_cells(
 def _pair_of_systems(dataset: Any, grid: Grid, file: Input, field: str) -> tuple[str, str]:
     """Return coordinate systems of a raster and of the DEM, as ``resample`` takes them."""
     if not dataset.crs:
-        log.info("%s: states no coordinate system: taken to be that of the DEM", file)
+        notice(f"{file}: states no coordinate system: taken to be that of the DEM", "info")
         return _ONE_SYSTEM
     own, _ = crs_parts(pyproj.CRS.from_user_input(dataset.crs))
     if own.is_engineering:
@@ -511,7 +511,7 @@ def _pair_of_systems(dataset: Any, grid: Grid, file: Input, field: str) -> tuple
     target = system_of(grid, own, file, field)
     if same_crs(own, target):
         return _ONE_SYSTEM
-    log.info("%s: reprojected from %s to %s (nearest cell)", file, own.name, target.name)
+    notice(f"{file}: reprojected from {own.name} to {target.name} (nearest cell)", "info")
     return own.to_wkt(), grid.crs
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import logging
 import math
 from functools import partial
 from pathlib import Path
@@ -11,11 +10,9 @@ from typing import Any
 import pyproj
 from pyproj.exceptions import CRSError, ProjError
 
-from sassgis.errors import InputError
+from sassgis.errors import InputError, notice
 from sassgis.settings.crs import crs_parts, parse_crs, same_crs
 from sassgis.settings.schema import Input
-
-log = logging.getLogger(__name__)
 
 #: What is wrong with a terrain model that states no coordinate system.
 NO_SYSTEM = "has no coordinate system"
@@ -166,11 +163,10 @@ def _check_place(plane: pyproj.CRS, file: Input, x: float, y: float, extent: str
         past = (lon - area.west) % 360.0
         beyond = max(beyond, min(past - width, 360.0 - past) if past > width else 0.0)
         if beyond > _AREA_MARGIN_DEG:
-            text = (
-                "%s: lies %.1f degrees outside the area of use of %s (%s); "
-                "the coordinate system may be wrong"
+            notice(
+                f"{file}: lies {beyond:.1f} degrees outside the area of use of {plane.name} "
+                f"({area.name}); the coordinate system may be wrong"
             )
-            log.warning(text, file, beyond, plane.name, area.name)
     if abs(scale - 1.0) > _SCALE_ERROR:
         raise wrong(
             "map metres are not metres on the ground",
@@ -178,9 +174,7 @@ def _check_place(plane: pyproj.CRS, file: Input, x: float, y: float, extent: str
             expected=f"a system true to scale: rio warp FILE NEW --dst-crs EPSG:{_utm(lon, lat)}",
         )
     if abs(scale - 1.0) > _SCALE_WARNING:
-        log.warning(
-            "%s: a metre in %s is %.4f m on the ground at the DEM", file, plane.name, 1.0 / scale
-        )
+        notice(f"{file}: a metre in {plane.name} is {1.0 / scale:.4f} m on the ground at the DEM")
 
 
 def _area_of_use(crs: pyproj.CRS) -> Any:
@@ -196,8 +190,8 @@ def _height_system(
         return configured or "", 1.0
     name = str(vertical.name)
     if configured and configured.lower() not in name.lower():
-        log.warning(
-            "%s: height system %r of the file is used, not %r as configured", file, name, configured
+        notice(
+            f"{file}: height system {name!r} of the file is used, not {configured!r} as configured"
         )
     axis = vertical.axis_info[0] if vertical.axis_info else None
     if axis is not None and axis.direction.lower() == "down":

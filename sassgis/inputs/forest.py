@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import logging
 import math
 from typing import Any
 
@@ -18,8 +17,6 @@ from sassgis.inputs.dem_system import extent_text
 from sassgis.inputs.vector_features import Feature, polygon_of_cells, read_features
 from sassgis.settings.schema import InMemory, Input
 from sassgis.settings.settings import ForestPlace
-
-log = logging.getLogger(__name__)
 
 _HECTARE_M2 = 1e4
 #: Single trees are counted within so much of the centre of a cell (m).

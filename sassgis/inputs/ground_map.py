@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import logging
 from collections.abc import Iterator
 from functools import partial
 from importlib import resources
@@ -11,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from sassgis.errors import InputError
+from sassgis.errors import InputError, notice
 from sassgis.files.plain_file import read_text, toml_table
 from sassgis.grid import Grid
 from sassgis.inputs.csv_table import CsvColumn, check_columns, errors_of_row, read_table, row_of
@@ -26,8 +25,6 @@ from sassgis.settings.ground import PARAMETERS, TRUST_TEXT, GroundClass, GroundT
 from sassgis.settings.ground_ranges import EVERY_CLASS, RANGED, RangeRule
 from sassgis.settings.schema import AnyInput, InMemory, Input, named
 from sassgis.settings.settings import GroundSettings
-
-log = logging.getLogger(__name__)
 
 _NO_CODE = np.iinfo(np.int32).min
 _DATA = resources.files("sassgis") / "data"
@@ -68,7 +65,7 @@ def read_ground_table(path: AnyInput | None = None, readings: str = "hazard") ->
     refuse_twice((c.name for c in own), "names that differ", problem, file=path, field="name")
     for ground_class in own:
         if ground_class.name in classes:
-            log.info("%s: class %s replaces the built-in one", path, ground_class.name)
+            notice(f"{path}: class {ground_class.name} replaces the built-in one", "info")
         classes[ground_class.name] = ground_class
     return GroundTable(tuple(classes.values()))
 

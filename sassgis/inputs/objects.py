@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import logging
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import partial
@@ -12,7 +11,7 @@ import numpy as np
 import shapely
 from shapely.ops import substring
 
-from sassgis.errors import InputError
+from sassgis.errors import InputError, notice
 from sassgis.grid import Grid, IntArray
 from sassgis.inputs.csv_table import CsvColumn, errors_of_row, read_table
 from sassgis.inputs.vector_features import Feature, nearest, refuse_twice, without_repeats
@@ -30,8 +29,6 @@ from sassgis.settings.exposure import (
 from sassgis.settings.profiles import TraceSet
 from sassgis.settings.schema import Input
 from sassgis.terrain.cells import cell_stretches
-
-log = logging.getLogger(__name__)
 
 _SHAPES: Mapping[str, tuple[str, ...]] = {
     "building": ("polygon", "point"),
@@ -182,17 +179,21 @@ def _warn(placed: PlacedObjects, grid: Grid, file: Input) -> None:
     warned: set[str] = set()
     for i, thing in enumerate(placed.objects):
         if n_cells[i] and not n_known[i]:
-            log.warning("%s: %s lies on nodata; no block arrives there", file, thing.name)
+            notice(f"{file}: {thing.name} lies on nodata; no block arrives there")
         stake = thing.value or thing.value_per_m or thing.persons or thing.traffic is not None
         if not stake and thing.whole not in warned:
             warned.add(thing.whole)
-            text = "%s: %s has neither value nor people nor traffic: only hits are counted"
-            log.warning(text, file, thing.whole)
+            notice(
+                f"{file}: {thing.whole} has neither value nor people nor traffic: only hits are "
+                "counted"
+            )
         occupancy = 0.0 if thing.traffic is None else thing.traffic.occupancy
         if occupancy > 1.0 and thing.whole not in warned:
             warned.add(thing.whole)
-            text = "%s: %s: vehicles cover %.0f %% of the length of the road, all lanes together"
-            log.warning(text, file, thing.whole, 100.0 * occupancy)
+            notice(
+                f"{file}: {thing.whole}: vehicles cover {100.0 * occupancy:.0f} % of the length of "
+                "the road, all lanes together"
+            )
 
 
 # ---------------------------------------------------------------------------------------------
@@ -209,7 +210,8 @@ def _stretches(
     line = shapely.line_merge(geometry) if geometry.geom_type.startswith("Multi") else geometry
     parts = list(getattr(line, "geoms", [line]))
     if len(parts) > 1:
-        log.info("%s: %s has %d separate parts, one after the other", file, whole.name, len(parts))
+        separate = f"{len(parts)} separate parts, one after the other"
+        notice(f"{file}: {whole.name} has {separate}", "info")
     if not line.length <= _MOST_STRETCHES * segment_m:
         raise InputError(
             f"{whole.name} has too many stretches", file=file, field="segment_m",
@@ -234,8 +236,8 @@ def _stretches(
         if shape.intersection(box).length > 0.0
     ]
     if len(rows) < len(spans):
-        text = "%s: %s: %d of %d stretches lie outside the DEM and are left out"
-        log.warning(text, file, whole.name, len(spans) - len(rows), len(spans))
+        lost = f"{len(spans) - len(rows)} of {len(spans)} stretches"
+        notice(f"{file}: {whole.name}: {lost} lie outside the DEM and are left out")
     return rows
 
 
@@ -357,5 +359,5 @@ def read_vulnerability(file: Input, intensities: Sequence[str]) -> Vulnerability
         )
     table = Vulnerability(tuple(intensities), tuple(rows), str(file))
     for phrase in table.falling():
-        log.warning("%s: %s", file, phrase)
+        notice(f"{file}: {phrase}")
     return table

@@ -5,7 +5,6 @@ What cannot be used is left out and said so, row by row; reading fails only wher
 
 from __future__ import annotations
 
-import logging
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from os import PathLike
@@ -16,7 +15,7 @@ import geopandas as gpd
 import numpy as np
 import pandas as pd
 
-from sassgis.errors import InputError, shown
+from sassgis.errors import InputError, notice, shown
 from sassgis.files.gdal_safety import layers_of, read_frame, vector_file
 from sassgis.files.plain_file import read_text
 from sassgis.gap.observations.checks import check_observations, empty_tables
@@ -36,8 +35,6 @@ from sassgis.settings.schema import InMemory, Input
 
 #: A GeoPackage, a folder of CSV files, or DataFrames by the name of the table.
 AnyObservations = str | Path | Mapping[str, Any]
-
-log = logging.getLogger(__name__)
 
 _METADATA = "metadata"
 #: Tables of a GeoPackage that are not about rocks.
@@ -130,8 +127,7 @@ def read_observations(
     observations = replace(observations, findings=tuple(findings))
     observations = with_passages(without(observations, checked))
     for finding in observations.findings:
-        level = logging.ERROR if finding.level == "error" else logging.WARNING
-        log.log(level, "%s", str(finding).partition(": ")[2])
+        notice(str(finding).partition(": ")[2], finding.level)
     return observations
 
 

@@ -4,16 +4,17 @@ from __future__ import annotations
 
 import os
 from collections.abc import Mapping
+from functools import cache, partial
 from importlib import resources
 from os import PathLike
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any, NotRequired
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import Field, TypeAdapter, ValidationError
 
 from sassgis.errors import InputError
 from sassgis.files.plain_file import read_text, toml_table
-from sassgis.inputs.checked import Messages, Place, first_of
+from sassgis.inputs.checked import Place, first_error, table_type
 from sassgis.inputs.vector_features import nearest, refuse_unknown
 from sassgis.settings.hazard_rules import (
     HazardLevel,
@@ -26,71 +27,40 @@ from sassgis.settings.hazard_rules import (
 _WHAT = "a hazard preset, TOML"
 _FOLDER = resources.files("sassgis") / "data" / "presets"
 
-
-class _Section(BaseModel):
-    model_config = ConfigDict(extra="forbid", strict=True, frozen=True)
-
-
 _Text = Annotated[str, Field(pattern=r"\S")]
 _Code = Annotated[str, Field(pattern=r"^[A-Za-z][A-Za-z0-9_]*$")]
 _Colour = Annotated[str, Field(pattern=r"^#[0-9A-Fa-f]{6}$")]
-_Number = Annotated[float, Field(allow_inf_nan=False)]
+_SHEET = ("width_mm", "area_mm2", "gap_mm", "envelope_widths", "smoothing_widths")
+#: The keys of the sections of a file.
+_SECTIONS: Mapping[str, Mapping[str, Any]] = {
+    "sources": {"text": _Text, "verified": bool},
+    "intensity": {
+        "code": _Code, "label": _Text, "from_kj": float, "colour": _Colour, "source": str,
+    },
+    "return_periods": {"limits_years": list[float], "source": str},
+    "levels": {
+        "code": _Code, "label": _Text, "colour": _Colour, "hatched": NotRequired[bool],
+        "source": str,
+    },
+    "matrix": {"levels": list[str], "source": str | list[str]},
+    "rarest": {"years": float, "source": str},
+    "sheet": {**dict.fromkeys(_SHEET, float), "source": str},
+}  # fmt: skip
+#: Those that are written with double brackets, and those that may be missing.
+_LISTS, _OPTIONAL = ("intensity", "levels"), ("rarest", "sheet")
 
 
-class _Source(_Section):
-    text: _Text
-    verified: bool
-
-
-class _Intensity(_Section):
-    code: _Code
-    label: _Text
-    from_kj: _Number
-    colour: _Colour
-    source: str
-
-
-class _ReturnPeriods(_Section):
-    limits_years: list[_Number]
-    source: str
-
-
-class _Rarest(_Section):
-    years: _Number
-    source: str
-
-
-class _Sheet(_Section):
-    width_mm: _Number
-    area_mm2: _Number
-    gap_mm: _Number
-    envelope_widths: _Number
-    smoothing_widths: _Number
-    source: str
-
-
-class _Level(_Section):
-    code: _Code
-    label: _Text
-    colour: _Colour
-    hatched: bool = False
-    source: str
-
-
-class _Row(_Section):
-    levels: list[str]
-    source: str | list[str]
-
-
-class _File(_Section):
-    title: _Text
-    sources: dict[str, _Source]
-    intensity: list[_Intensity]
-    return_periods: _ReturnPeriods
-    levels: list[_Level]
-    matrix: dict[str, _Row]
-    rarest: _Rarest | None = None
-    sheet: _Sheet | None = None
+@cache
+def _document() -> TypeAdapter[dict[str, Any]]:
+    kinds: dict[str, Any] = {"title": _Text}
+    for name, keys in _SECTIONS.items():
+        own = table_type(name, keys)
+        if name in _LISTS:
+            own = list[own]
+        elif name in ("sources", "matrix"):
+            own = dict[str, own]
+        kinds[name] = NotRequired[own] if name in _OPTIONAL else own
+    return TypeAdapter(table_type("preset", kinds))
 
 
 def preset_names() -> tuple[str, ...]:
@@ -116,113 +86,90 @@ def read_preset(name: str | PathLike[str]) -> HazardPreset:
     return _preset(read_text(path, "preset", _WHAT), path.stem, str(path))
 
 
-# ---------------------------------------------------------------------------------------------
-# From the text to the type
-
-
 def _preset(text: str, name: str, file: str) -> HazardPreset:
     document = toml_table(text, file, _WHAT)
     try:
-        content = _File.model_validate(document)
+        content = _document().validate_python(document)
     except ValidationError as error:
-        messages = Messages(file, document, _LISTS, _nearest, named_by="code", expected=_expected)
-        raise first_of(messages.of(error)) from None
-    return _Reading(content, file).preset(name)
+        raise first_error(
+            error, file, document, _LISTS, _nearest, named_by="code", expected=_expected
+        ) from None
+    known = {k: Provenance(s["text"].strip(), s["verified"]) for k, s in content["sources"].items()}
+    refer = partial(refuse_unknown, file=file)
 
-
-class _Reading:
-    """Objects to which the names within a file refer."""
-
-    def __init__(self, content: _File, file: str) -> None:
-        self._content = content
-        self._file = file
-        self._sources = {
-            k: Provenance(s.text.strip(), s.verified) for k, s in content.sources.items()
-        }
-
-    def preset(self, name: str) -> HazardPreset:
-        content, source = self._content, self._source
-        intensities = []
-        for c in content.intensity:
-            own = source(c.source, f"intensity[{c.code}]")
-            intensities.append(IntensityClass(c.code, c.label, c.from_kj, c.colour, own))
-        levels = []
-        for k in content.levels:
-            own = source(k.source, f"levels[{k.code}]")
-            levels.append(HazardLevel(k.code, k.label, k.colour, k.hatched, own))
-        known = [c.code for c in intensities]
-        for code in content.matrix:
-            self._refer(code, known, "row of no intensity class", f"matrix.{code}")
-        for code in known:
-            if code not in content.matrix:
-                raise InputError(
-                    "the matrix has a hole: no row for an intensity class", file=self._file,
-                    field="matrix", found=", ".join(content.matrix) or "no row",
-                    expected=f"a section [matrix.{code}]",
-                )  # fmt: skip
-        rows = [(content.matrix[code], f"matrix.{code}") for code in known]
-        periods, rarest = content.return_periods, content.rarest
-        return HazardPreset(
-            name,
-            content.title.strip(),
-            tuple(intensities),
-            tuple(periods.limits_years),
-            source(periods.source, "return_periods"),
-            tuple(levels),
-            tuple(self._levels(*row) for row in rows),
-            tuple(self._fields(*row) for row in rows),
-            self._file,
-            None if rarest is None else rarest.years,
-            None if rarest is None else source(rarest.source, "rarest"),
-            self._sheet(content.sheet),
-        )
-
-    def _sheet(self, sheet: _Sheet | None) -> SheetRules | None:
-        # Rules that say nothing of sheets: those that come with sassgis.
-        if sheet is None:
-            return read_preset("ch-so").sheet
-        own = sheet.model_dump(exclude={"source"})
-        return SheetRules(**own, provenance=self._source(sheet.source, "sheet"))
-
-    def _source(self, key: str, where: str) -> Provenance:
+    def source(key: str, where: str) -> Provenance:
         problem = "names a source that is not defined"
-        self._refer(key, list(self._sources), problem, f"{where}.source")
-        return self._sources[key]
+        refer(key, list(known), problem, field=f"{where}.source")
+        return known[key]
 
-    def _levels(self, row: _Row, where: str) -> tuple[int, ...]:
-        codes = [c.code for c in self._content.levels]
-        for code in row.levels:
-            self._refer(code, codes, "names no level", f"{where}.levels")
-        return tuple(codes.index(code) for code in row.levels)
+    def entries(section: str, kind: Any, **usual: Any) -> tuple[Any, ...]:
+        """Return the entries of a section, each with its source."""
+        found = []
+        for entry in content[section]:
+            own = {**usual, **entry}
+            key = own.pop("source")
+            found.append(kind(**own, provenance=source(key, f"{section}[{own['code']}]")))
+        return tuple(found)
 
-    def _fields(self, row: _Row, where: str) -> tuple[Provenance, ...]:
-        if isinstance(row.source, str):
-            return (self._source(row.source, where),) * len(row.levels)
-        if len(row.source) != len(row.levels):
+    intensities = entries("intensity", IntensityClass)
+    levels = entries("levels", HazardLevel, hatched=False)
+    rows = _rows_of(content["matrix"], [c.code for c in intensities], file)
+    codes = [c.code for c in levels]
+    for where, row in rows.items():
+        for code in row["levels"]:
+            refer(code, codes, "names no level", field=f"{where}.levels")
+    periods, rarest, sheet = (content.get(k) for k in ("return_periods", "rarest", "sheet"))
+    return HazardPreset(
+        name,
+        content["title"].strip(),
+        intensities,
+        tuple(periods["limits_years"]),
+        source(periods["source"], "return_periods"),
+        levels,
+        tuple(tuple(codes.index(code) for code in row["levels"]) for row in rows.values()),
+        tuple(
+            tuple(source(key, where) for key in _sources_of(row, where, file))
+            for where, row in rows.items()
+        ),
+        file,
+        rarest and rarest["years"],
+        rarest and source(rarest["source"], "rarest"),
+        # Rules that say nothing of sheets: those that come with sassgis.
+        SheetRules(*(sheet[key] for key in _SHEET), source(sheet["source"], "sheet"))
+        if sheet
+        else read_preset("ch-so").sheet,
+    )
+
+
+def _rows_of(matrix: Mapping[str, Any], known: list[str], file: str) -> dict[str, Any]:
+    """Return rows of the matrix by their place in the file, in the order of the intensities."""
+    for code in matrix:
+        problem = "row of no intensity class"
+        refuse_unknown(code, known, problem, file=file, field=f"matrix.{code}")
+    for code in known:
+        if code not in matrix:
             raise InputError(
-                "does not have a source for each level", file=self._file, field=f"{where}.source",
-                found=f"{len(row.source)} sources",
-                expected=f"one source for all, or {len(row.levels)}",
+                "the matrix has a hole: no row for an intensity class", file=file, field="matrix",
+                found=", ".join(matrix) or "no row", expected=f"a section [matrix.{code}]",
             )  # fmt: skip
-        return tuple(self._source(key, where) for key in row.source)
+    return {f"matrix.{code}": matrix[code] for code in known}
 
-    def _refer(self, name: str, known: list[str], problem: str, field: str) -> None:
-        refuse_unknown(name, known, problem, file=self._file, field=field)
+
+def _sources_of(row: Mapping[str, Any], where: str, file: str) -> list[str]:
+    """Return the source of each level of a row."""
+    given, levels = row["source"], len(row["levels"])
+    sources = [given] * levels if isinstance(given, str) else given
+    if len(sources) != levels:
+        raise InputError(
+            "does not have a source for each level", file=file, field=f"{where}.source",
+            found=f"{len(sources)} sources", expected=f"one source for all, or {levels}",
+        )  # fmt: skip
+    return sources
 
 
 # ---------------------------------------------------------------------------------------------
 # From what pydantic finds to one line
 
-_MODELS: Mapping[str, type[BaseModel]] = {
-    "sources": _Source,
-    "intensity": _Intensity,
-    "return_periods": _ReturnPeriods,
-    "levels": _Level,
-    "matrix": _Row,
-    "rarest": _Rarest,
-    "sheet": _Sheet,
-}
-_LISTS = ("intensity", "levels")
 _KEYS = {
     "title": "a line that says whose rules these are",
     "sources": "sections [sources.KEY] with text and verified",
@@ -247,22 +194,17 @@ _KEYS = {
 }
 
 
-def _meaning(loc: Place) -> str | None:
-    if loc[0] == "matrix" and loc[-1] == "levels":
-        return "a level for each class of return period"
-    return _KEYS.get(str(loc[-1]))
-
-
 def _nearest(loc: Place) -> str:
     """Return the known key that an unknown one was probably meant to be."""
-    model = _MODELS[str(loc[0])] if len(loc) > 1 else _File
-    return nearest(str(loc[-1]), list(model.model_fields))
+    known = _SECTIONS[str(loc[0])] if len(loc) > 1 else ("title", *_SECTIONS)
+    return nearest(str(loc[-1]), list(known))
 
 
 def _expected(loc: Place, kind: str) -> str | None:
     key = str(loc[-1])
     if kind == "missing":
-        return _meaning(loc)
+        in_matrix = loc[0] == "matrix" and key == "levels"
+        return "a level for each class of return period" if in_matrix else _KEYS.get(key)
     if kind == "string_pattern_mismatch":
         return _KEYS[key] if key in ("code", "colour") else "a text that is not empty"
     if kind == "list_type" and key in _LISTS and len(loc) == 1:

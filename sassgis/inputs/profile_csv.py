@@ -2,20 +2,17 @@
 
 from __future__ import annotations
 
-import logging
 from functools import partial
 
 import numpy as np
 
-from sassgis.errors import ConfigError, InputError
+from sassgis.errors import ConfigError, InputError, notice
 from sassgis.inputs.config import profile_control_lines
 from sassgis.inputs.csv_table import CsvColumn, read_table
 from sassgis.settings.ground import GroundTable
 from sassgis.settings.profiles import ProfileSet
 from sassgis.settings.run_config import Config
 from sassgis.settings.schema import Input
-
-log = logging.getLogger(__name__)
 
 
 def read_profile(path: Input, table: GroundTable, default: str) -> ProfileSet:
@@ -67,7 +64,7 @@ def check_on_profile(config: Config, profile: ProfileSet) -> None:
             raise wrong("blocks would start off the profile", field="profile.start_m", found=found)
         steepest = np.degrees(np.arctan((-np.diff(profile.z) / np.diff(profile.s)).max()))
         if steepest <= 0.0:
-            log.warning("%s: the profile descends nowhere", config.profile.file)
+            notice(f"{config.profile.file}: the profile descends nowhere")
     for control_line, chainage in profile_control_lines(config):
         if not first <= chainage <= last:
             section = "stations" if control_line.kind == "station" else "barriers"

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import logging
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -15,7 +14,7 @@ from affine import Affine
 from rasterio.windows import Window, bounds
 from scipy import ndimage
 
-from sassgis.errors import InputError, InputLost
+from sassgis.errors import InputError, InputLost, notice
 from sassgis.files.input_parts import mosaic_places
 from sassgis.grid import BoolArray, FloatArray, Grid, IntArray
 from sassgis.inputs.dem import (
@@ -30,8 +29,6 @@ from sassgis.inputs.dem_system import extent_text
 from sassgis.settings.crs import crs_name, same_crs
 from sassgis.settings.labels import some_of
 from sassgis.settings.schema import AnyInput, InMemory, Input, named
-
-log = logging.getLogger(__name__)
 
 #: Rasters by their suffix; other files of a folder of tiles are left alone.
 TILE_SUFFIXES = (".tif", ".tiff", ".asc", ".img", ".bil", ".flt")
@@ -271,7 +268,7 @@ def read_terrain(
     given = named(path)
     if not given.is_dir():
         if gaps := gaps_of_mosaic(given):
-            log.warning("%s: %s", given, gaps)
+            notice(f"{given}: {gaps}")
         return read_dem(given, crs, vertical_datum, override_crs)
     return read_whole(open_terrain(given, crs, vertical_datum, override_crs), given)
 
@@ -304,11 +301,11 @@ def _laid_out(dems: Sequence[DemFile], given: Input) -> Terrain:
     _check_overlaps(tiles)
     whole = hull([t.place for t in tiles])
     covered = sum(t.place.n_rows * t.place.n_cols for t in tiles)
-    log.info("%s: %d tiles, %d cells", given, len(tiles), covered)
+    notice(f"{given}: {len(tiles)} tiles, {covered} cells", "info")
     place = west, north, cell, whole, first.crs, first.vertical_datum
     terrain = Terrain(tuple(tiles), *place)
     if gaps := terrain.gaps:
-        log.warning("%s: %s", given, gaps)
+        notice(f"{given}: {gaps}")
     return terrain
 
 
@@ -365,5 +362,7 @@ def _check_overlaps(tiles: Sequence[Tile]) -> None:
                 file=two.dem.file, found=f"{found}, in {gap.size} cells",
                 expected=f"the same heights, within {_OTHER_TERRAIN_M:g} m (median)",
             )  # fmt: skip
-        text = "%s: heights differ by %s from those of %s, which count where both overlap"
-        log.warning(text, two.dem.file, found, one.dem.file.name)
+        notice(
+            f"{two.dem.file}: heights differ by {found} from those of {one.dem.file.name}, which "
+            "count where both overlap"
+        )

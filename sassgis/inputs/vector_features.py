@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import difflib
-import logging
 import math
 import warnings
 from collections import Counter
@@ -19,7 +18,7 @@ import shapely
 from numpy.typing import NDArray
 from pyproj.exceptions import ProjError
 
-from sassgis.errors import InputError
+from sassgis.errors import InputError, notice
 from sassgis.files.digests import Stamp
 from sassgis.files.gdal_safety import (
     VECTOR,
@@ -36,8 +35,6 @@ from sassgis.inputs.dem_system import beyond_degrees, extent_text
 from sassgis.settings.crs import crs_name, crs_parts, same_crs
 from sassgis.settings.labels import some_of
 from sassgis.settings.schema import InMemory, Input, composed
-
-log = logging.getLogger(__name__)
 
 #: What messages and settings call lines.
 _LINES = {"linestring": "line", "linearring": "line"}
@@ -192,7 +189,7 @@ def open_layer(
     else:
         frame, name, warned = _read_layer(file, layer, key, stamps_of(file))
     for text in warned:
-        log.warning("%s: %s", file, text)
+        notice(f"{file}: {text}")
     known = [c for c in frame.columns if c != "geometry"]
     for setting, field in fields.items():
         if field is not None:
@@ -299,7 +296,7 @@ def onto_grid(
                 expected=f"a file with its coordinate system, or coordinates of the DEM: "
                 f"{extent_text(*grid.bounds)}",
             )
-        log.info("%s: states no coordinate system: taken to be that of the DEM", file)
+        notice(f"{file}: states no coordinate system: taken to be that of the DEM", "info")
         return list(shapes)
     target = system_of(grid, own, file, place)
     bounds = _bounds(shapes)
@@ -314,7 +311,8 @@ def onto_grid(
         moved = list(shapes)
     else:
         moved = _reprojected(shapes, plane, target, file, place, labels)
-        log.info("%s: reprojected from %s to %s", file, plane.name, crs_name(grid.crs))
+        systems = f"from {plane.name} to {crs_name(grid.crs)}"
+        notice(f"{file}: reprojected {systems}", "info")
     if not _meets(moved, grid):
         error = outside(file, place, labels[0], _bounds(moved), grid)
         if plane.is_geographic and _meets_swapped(shapes, plane, target, grid):
@@ -470,7 +468,7 @@ def polygon_of_cells(polygons: Sequence[Feature], grid: Grid) -> NDArray[np.int3
     for text, own in why.items():
         if own:
             labels = some_of([polygons[k].label for k in own], str)
-            log.warning("%s: %s: %s", polygons[0].file, labels, text)
+            notice(f"{polygons[0].file}: {labels}: {text}")
     return found
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import logging
 import math
 import re
 from collections.abc import Mapping, Sequence
@@ -13,7 +12,7 @@ from typing import Any
 
 import shapely
 
-from sassgis.errors import ConfigError, InputError
+from sassgis.errors import ConfigError, InputError, notice
 from sassgis.grid import FloatArray, Grid
 from sassgis.inputs.config import control_line_of
 from sassgis.inputs.vector_features import (
@@ -36,8 +35,6 @@ from sassgis.settings.results import ControlLine
 from sassgis.settings.run_config import Config
 from sassgis.settings.schema import Input, composed
 from sassgis.settings.settings import BarrierSettings, ReleaseSettings, StationSettings
-
-log = logging.getLogger(__name__)
 
 #: Below this slope no block at rest rolls: the smallest rolling friction that Bozzolo and Pamini
 #: (1986) quote from Statham (1979) is 0.37, the tangent of 20.3 degrees; sliding asks for more.
@@ -174,7 +171,7 @@ def _scenarios(feature: Feature, field: str | None, known: Sequence[str]) -> tup
     text = None if field is None else feature.text(field)
     if text is None:
         if field is not None:
-            log.info("%s: %s names no scenario: all of them", feature.file, feature.label)
+            notice(f"{feature.file}: {feature.label} names no scenario: all of them", "info")
         return tuple(known)
     chosen = tuple(dict.fromkeys(part.strip() for part in re.split(r"[;,]", text) if part.strip()))
     for name in chosen:
@@ -196,15 +193,14 @@ def _known_under(feature: Feature, grid: Grid) -> float:
         )
     for share, what in ((1.0 - inside, "lies outside the DEM"), (inside - known, "is nodata")):
         if share > 1e-8:
-            text = "%s: %s: %.1f %% of it %s; " + _NO_START
-            log.warning(text, file, label, max(100.0 * share, 0.1), what)
+            percent = max(100.0 * share, 0.1)
+            notice(f"{file}: {label}: {percent:.1f} % of it {what}; {_NO_START}")
     steepest = steepest_slope_deg(feature.geometry, grid)
     if steepest < START_SLOPE_DEG:
-        text = (
-            "%s: %s: nowhere steeper than %.1f degrees; "
-            "below %.1f degrees no block at rest starts to move"
+        notice(
+            f"{file}: {label}: nowhere steeper than {steepest:.1f} degrees; "
+            f"below {START_SLOPE_DEG:.1f} degrees no block at rest starts to move"
         )
-        log.warning(text, file, label, steepest, START_SLOPE_DEG)
     return known
 
 
@@ -215,8 +211,8 @@ def warn_of_overlaps(areas: Sequence[ReleaseArea], file: Input) -> None:
     for i, j in zip(first.tolist(), second.tolist(), strict=True):
         common = shapes[i].intersection(shapes[j]).area if i < j else 0.0
         if common > 0.0 and set(areas[i].scenarios) & set(areas[j].scenarios):
-            text = "%s: areas %s and %s overlap by %.1f m2; blocks start there from both"
-            log.warning(text, file, areas[i].name, areas[j].name, common)
+            names = f"areas {areas[i].name} and {areas[j].name}"
+            notice(f"{file}: {names} overlap by {common:.1f} m2; blocks start there from both")
 
 
 # ---------------------------------------------------------------------------------------------
@@ -324,5 +320,5 @@ def check_on_map(feature: Feature, grid: Grid, file: Input | None, key: str, lab
         raise outside(file, key, label, feature.geometry.bounds, grid)
     inside = share_inside(feature, grid)
     if inside < 1.0:
-        text = "%s: %s: %s: %.1f %% of it lies outside the DEM"
-        log.warning(text, file, key, label, max(100.0 * (1.0 - inside), 0.1))
+        percent = max(100.0 * (1.0 - inside), 0.1)
+        notice(f"{file}: {key}: {label}: {percent:.1f} % of it lies outside the DEM")

@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
-import logging
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager, suppress
+from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
-from sassgis.errors import ConfigError, InputError
+from sassgis.errors import ConfigError, InputError, notice
+from sassgis.errors import collected_notices as collected_notices
 from sassgis.files.input_parts import file_digest
 from sassgis.grid import FloatArray, Grid
 from sassgis.hazard.assess import Rules
@@ -40,41 +40,6 @@ from sassgis.terrain.nodata_traces import TRACES_ADVICE, nodata_traces
 from sassgis.terrain.slope_units import WALL_DEG, WALL_SHARE, slopes_deg, wall_share
 from sassgis.terrain.surface import block_scale_grid
 
-log = logging.getLogger(__name__)
-
-
-@contextmanager
-def collected_notices(quietly: list[str] | None = None) -> Iterator[list[str]]:
-    """Collect what the readers have to say (level WARNING and above), each once.
-
-    With ``quietly`` also what is below that (INFO), in that list, whatever the program has set up
-    for its log, which gets nothing of both.
-    """
-    notices: list[str] = []
-
-    class _Collector(logging.Handler):
-        def emit(self, record: logging.LogRecord) -> None:
-            text = record.getMessage()
-            own = notices if quietly is None or record.levelno >= logging.WARNING else quietly
-            if text not in own:
-                own.append(text)
-
-    logger = logging.getLogger("sassgis")
-    wanted = logging.WARNING if quietly is None else logging.INFO
-    handler = _Collector(wanted)
-    level, passes_on = logger.level, logger.propagate
-    logger.addHandler(handler)
-    # What a program does not want in its log, as the command line, is collected all the same.
-    logger.propagate = passes_on and quietly is None and logger.isEnabledFor(wanted)
-    if not logger.isEnabledFor(wanted):
-        logger.setLevel(wanted)
-    try:
-        yield notices
-    finally:
-        logger.removeHandler(handler)
-        logger.setLevel(level)
-        logger.propagate = passes_on
-
 
 def forest_of(config: Config, grid: Grid, whole: Grid | None = None) -> Forest | None:
     """Return the forest on the cells, if trees are on; ``whole`` as for ground_raster."""
@@ -86,19 +51,16 @@ def check_heights(grid: Grid, file: Input) -> None:
     """Warn of heights that cannot be those of terrain; ``file`` is named."""
     walls = wall_share(slopes_deg(grid.values, grid.cell_size, grid.cell_size))
     if walls > WALL_SHARE:
-        log.warning(
-            "%s: %.1f %% of the cells are steeper than %g degrees, too steep for terrain: "
-            "are heights or cells in another unit?",
-            file, 100.0 * walls, WALL_DEG,
-        )  # fmt: skip
+        notice(
+            f"{file}: {100.0 * walls:.1f} % of the cells are steeper than {WALL_DEG:g} degrees, "
+            "too steep for terrain: are heights or cells in another unit?"
+        )
     # Zeros as they were stored are named by their reader.
     values = np.where(lone_zeros(grid.values), np.nan, grid.values)
     traces = nodata_traces(values, grid.cell_size)
     if traces.cells.any():
         x, y = (float(c[0]) for c in grid.cell_centres(np.flatnonzero(traces.cells)[:1]))
-        log.warning(
-            "%s: %s, the first at %.10g, %.10g: %s", file, traces.words, x, y, TRACES_ADVICE
-        )
+        notice(f"{file}: {traces.words}, the first at {x:.10g}, {y:.10g}: {TRACES_ADVICE}")
 
 
 def read_map_run(config: Config, areas: Sequence[str] | None = None) -> MapRun:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import logging
 import math
 from dataclasses import dataclass, field, replace
 from functools import partial
@@ -13,7 +12,7 @@ import numpy as np
 from sassgis.compiled import rng
 from sassgis.engine.simulate import Simulated, simulate
 from sassgis.engine.state import trajectory
-from sassgis.errors import InputError
+from sassgis.errors import InputError, notice
 from sassgis.files.atomic_output import staged_output
 from sassgis.grid import FloatArray, IntArray
 from sassgis.hazard.warnings import profile_warnings
@@ -45,8 +44,6 @@ from sassgis.terrain.fall_lines import fall_line_surface, trace
 from sassgis.terrain.flatten import chainage_to_xy
 from sassgis.terrain.prepare import LEAD_IN_M, PreparedLines, prepare_lines
 from sassgis.terrain.stretch import SHORTEST_LINE_M, with_lead_in
-
-log = logging.getLogger(__name__)
 
 _LOG_EVENTS = 2000
 _DRAWN = 100
@@ -266,7 +263,7 @@ def run_profile(
         with collected_notices() as notices:
             profile = profile_input(config, csv=csv, point=point, line=line)
             if (rise := _rise(profile)) > 0.0:
-                log.warning("%s: ends %.1f m above the start: drawn uphill?", profile.name, rise)
+                notice(f"{profile.name}: ends {rise:.1f} m above the start: drawn uphill?")
         result = simulate_profile(config, profile, rocks=rocks)
         own = config.profile.file if config.profile else None
         _check_started(result, csv or line or (config.dem_source if point else own))

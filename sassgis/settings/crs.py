@@ -12,10 +12,7 @@ from sassgis.errors import InputError
 
 
 def parse_crs(text: str, *, file: object = None, field: str = "") -> pyproj.CRS:
-    """Return coordinate system from a code or well-known text.
-
-    Raises InputError if it is not understood.
-    """
+    """Return a coordinate system from a code or well-known text; InputError if not understood."""
     try:
         return pyproj.CRS.from_user_input(text)
     except CRSError:

@@ -51,13 +51,12 @@ class Traffic(Section):
 
     def _fits_together(self) -> None:
         if self.occupancy > _FULL_ROAD:
+            flow = f"{self.traffic_per_day:g} a day at {self.speed_kmh:g} km/h"
+            found = f"{flow}: {self.occupancy:.2g} m of vehicles on each metre of road"
             raise InputError(
-                "more vehicles than fit on the road",
-                field="traffic_per_day",
-                found=f"{self.traffic_per_day:g} a day at {self.speed_kmh:g} km/h: "
-                f"{self.occupancy:.2g} m of vehicles on each metre of road",
+                "more vehicles than fit on the road", field="traffic_per_day", found=found,
                 expected=f"at most {_FULL_ROAD:g}",
-            )
+            )  # fmt: skip
 
     @property
     def occupancy(self) -> float:
@@ -69,10 +68,7 @@ class Traffic(Section):
 class ExposedObject(Section):
     """Something that blocks may hit: a building, a stretch of road or of a line, a group of people.
 
-    Raises
-    ------
-    InputError
-        If a number is out of range or does not go with the kind.
+    InputError if a number is out of range or does not go with the kind.
     """
 
     name: str  # unique in the run
@@ -100,12 +96,9 @@ class ExposedObject(Section):
         }
         for name, number in stated.items():
             if number and name not in NUMBERS_OF_KIND[self.kind]:
-                raise InputError(
-                    f"does not go with a {self.kind}",
-                    field=name,
-                    found=f"{number:g}",
-                    expected=f"one of {', '.join(NUMBERS_OF_KIND[self.kind])}",
-                )
+                problem = f"does not go with a {self.kind}"
+                expected = f"one of {', '.join(NUMBERS_OF_KIND[self.kind])}"
+                raise InputError(problem, field=name, found=f"{number:g}", expected=expected)
 
     @property
     def whole(self) -> str:
@@ -124,15 +117,10 @@ NUMBERS_OF_KIND: Mapping[str, tuple[str, ...]] = {
     "people": ("persons", "presence"),
     "line": _LINE_NUMBERS,
     "road": (
-        *_LINE_NUMBERS,
-        "traffic_per_day",
-        "speed_kmh",
-        "vehicle_length_m",
-        "persons_per_vehicle",
-        "vehicle_value",
-        "trips_per_day",
+        *_LINE_NUMBERS, "traffic_per_day", "speed_kmh", "vehicle_length_m", "persons_per_vehicle",
+        "vehicle_value", "trips_per_day",
     ),
-}
+}  # fmt: skip
 
 
 @checked(frozen=True, slots=True)
@@ -151,27 +139,19 @@ class VulnerabilityRow(Section):
             (_WITHOUT_PEOPLE, "lethality", f"0: people on a road are in rows of kind {VEHICLE}"),
             (_WITHOUT_VALUE, "vulnerability", "0: people have no value in money"),
         ):
-            if self.kind in kinds and getattr(self, name):
-                raise InputError(
-                    f"does not go with kind {self.kind}",
-                    field=name,
-                    found=f"{getattr(self, name):g}",
-                    expected=why,
-                )
+            if self.kind in kinds and (found := getattr(self, name)):
+                problem = f"does not go with kind {self.kind}"
+                raise InputError(problem, field=name, found=f"{found:g}", expected=why)
         if not self.source.strip():
-            raise InputError(
-                "is empty", field="source", expected="where the numbers of the row come from"
-            )
+            expected = "where the numbers of the row come from"
+            raise InputError("is empty", field="source", expected=expected)
 
 
 @dataclass(frozen=True, slots=True)
 class Vulnerability:
     """Vulnerability and lethality by kind of object and class of intensity.
 
-    Raises
-    ------
-    InputError
-        If a row is missing or there twice, or has an unknown intensity.
+    InputError if a row is missing or there twice, or has an unknown intensity.
     """
 
     intensities: tuple[str, ...]  # codes of the intensity classes, from weak to strong
@@ -205,13 +185,7 @@ class Vulnerability:
         return tuple(dict.fromkeys(row.kind for row in self.rows))
 
     def of(self, kind: str) -> tuple[VulnerabilityRow, ...]:
-        """Return rows of a kind, from the weakest intensity to the strongest.
-
-        Raises
-        ------
-        InputError
-            If the table has no rows of this kind.
-        """
+        """Return rows of a kind, from the weakest intensity up; InputError if there are none."""
         if kind not in self.kinds:
             found = ", ".join(self.kinds) or "no rows"
             expected = f"{kind} as well, with a row for {', '.join(self.intensities)}"

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import KW_ONLY, dataclass, replace
+from functools import partial
 from typing import Literal
 
 import numpy as np
@@ -87,22 +88,15 @@ class GroundClass:
 
     def __post_init__(self) -> None:
         """Raise InputError where a value is outside what the model can take."""
+        wrong = partial(InputError, f"ground class {self.name!r} cannot be used")
         for field, (low, high) in LIMITS.items():
             value = getattr(self, field)
             if not (np.isfinite(value) and low <= value <= high):
-                raise InputError(
-                    f"ground class {self.name!r} cannot be used",
-                    field=field,
-                    found=value,
-                    expected=f"a number from {low:g} to {high:g}",
-                )
+                expected = f"a number from {low:g} to {high:g}"
+                raise wrong(field=field, found=value, expected=expected)
         if self.dp_min > self.dp_max:
-            raise InputError(
-                f"ground class {self.name!r} cannot be used",
-                field="dp_min",
-                found=f"dp_min {self.dp_min:g} above dp_max {self.dp_max:g}",
-                expected="dp_min <= dp_max",
-            )
+            found = f"dp_min {self.dp_min:g} above dp_max {self.dp_max:g}"
+            raise wrong(field="dp_min", found=found, expected="dp_min <= dp_max")
 
 
 @dataclass(frozen=True, slots=True)

@@ -43,12 +43,9 @@ class RangeRule:
     def __post_init__(self) -> None:
         """Raise InputError where the limits are reversed."""
         if self.low > self.high:
-            raise InputError(
-                f"range of {self.class_name} {self.parameter} is reversed",
-                field="low",
-                found=f"{self.low:g} above {self.high:g}",
-                expected="low <= high",
-            )
+            problem = f"range of {self.class_name} {self.parameter} is reversed"
+            found = f"{self.low:g} above {self.high:g}"
+            raise InputError(problem, field="low", found=found, expected="low <= high")
 
     def limits(self, value: float) -> tuple[float, float]:
         """Return the limits for a value, which always lies within them."""

@@ -148,13 +148,7 @@ class HazardCurves:
         )
 
     def column(self, energy_kj: float) -> int:
-        """Return the position of an energy among ``energies_kj``.
-
-        Raises
-        ------
-        ValueError
-            The energy is none of them.
-        """
+        """Return the position of an energy among ``energies_kj``; ValueError if it is not there."""
         at = int(np.argmin(np.abs(self.energies_kj - energy_kj)))
         if not math.isclose(self.energies_kj[at], energy_kj, rel_tol=1e-9, abs_tol=1e-12):
             raise ValueError(f"{energy_kj} kJ is none of the energies of the curves")
@@ -211,10 +205,7 @@ class SheetRules:
 class HazardPreset:
     """The rules of one authority: intensities, return periods, levels and the matrix of both.
 
-    Raises
-    ------
-    InputError
-        If the rules contradict each other.
+    InputError if they contradict each other.
     """
 
     # As "ch-so", and a line for people.

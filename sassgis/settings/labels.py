@@ -51,9 +51,8 @@ def rounded(value: Any, digits: int = 3) -> Any:
 
 
 def short(value: float, sign: str = "") -> str:
-    """Return a number in two digits, with all of those before the point: 0.012, 1.5, 1700.
-
-    With "+" as ``sign`` one that is not below zero has it.
+    """Return a number in two digits, with all before the point: 0.012, 1.5, 1700; ``sign`` may be
+    "+".
     """
     return f"{value:{sign}.0f}" if abs(value) >= 10.0 else f"{value:{sign}.2g}"
 
@@ -72,10 +71,7 @@ def some_of(names: Sequence[str], shown_as: Callable[[str], str] = repr) -> str:
 
 
 def file_stem(name: str) -> str:
-    """Return a name as part of a file name that every system takes.
-
-    It has letters, digits and underscores.
-    """
+    """Return a name as part of a file name that every system takes: letters, digits, "_"."""
     plain = "".join(c if c.isalnum() else "_" for c in name).strip("_").lower()
     short = plain.encode()[:_LONGEST_STEM].decode(errors="ignore") or "unnamed"
     return f"{short}_" if short in _RESERVED else short

@@ -14,7 +14,6 @@ from contextlib import contextmanager
 from contextvars import ContextVar
 from dataclasses import replace
 from functools import cache, reduce
-from gettext import NullTranslations
 from importlib import resources
 from typing import Any, Literal, TypeVar, get_args
 
@@ -39,10 +38,7 @@ class Phrase(str):
 
 
 def phrase(key: str, *parts: object, **named: object) -> Phrase:
-    """Return a text with parts.
-
-    Those that are phrases are translated too, others stay as they are.
-    """
+    """Return a text with parts; those that are phrases are translated too, others stay."""
     if isinstance(key, Phrase):
         return key
     text = Phrase(key.format(*parts, **named) if parts or named else key)
@@ -51,7 +47,7 @@ def phrase(key: str, *parts: object, **named: object) -> Phrase:
 
 
 def named(name: str) -> Phrase:
-    """Return name that the user gave: it stays as it is, also where it is a word of the program."""
+    """Return a name that the user gave: it stays, also where it is a word of the program."""
     return phrase("{}", name)
 
 
@@ -106,14 +102,14 @@ def translated(text: str) -> str:
     language = _LANGUAGE.get()
     if language == "en":
         return text
-    catalogue = translations(language)
-    if not isinstance(text, Phrase):
-        return catalogue.gettext(text)
 
     def part(value: Any) -> Any:
         return translated(value) if isinstance(value, Phrase) else value
 
-    key = catalogue.gettext(text.key)
+    key = text.key if isinstance(text, Phrase) else text
+    key = translations(language).get(key, key) if key else key
+    if not isinstance(text, Phrase):
+        return key
     if text.parts or text.named:
         named = {name: part(value) for name, value in text.named.items()}
         key = key.format(*map(part, text.parts), **named)
@@ -133,29 +129,18 @@ def _each(value: Any) -> Any:
     return translated(value) if isinstance(value, str) else value
 
 
-class Catalogue(NullTranslations):
-    """The entries of a ``.po`` file: texts in English, and the same in another language."""
-
-    def __init__(self, text: str) -> None:
-        super().__init__()
-        self.entries: dict[str, str] = {}
-        for entry in text.split("\n\n"):
-            texts = {"msgid": "", "msgstr": ""}
-            name = ""
-            for line in entry.splitlines():
-                if line.startswith("msg"):
-                    name, _, line = line.partition(" ")
-                if line.startswith('"'):
-                    texts[name] += json.loads(line)
-            self.entries[texts["msgid"]] = texts["msgstr"]
-
-    def gettext(self, message: str) -> str:
-        """Return the text in the language of the catalogue; as it is where there is no entry."""
-        return self.entries.get(message, message) if message else message
-
-
 @cache
-def translations(language: Language) -> Catalogue:
-    """Return the catalogue of a language."""
+def translations(language: Language) -> dict[str, str]:
+    """Return the catalogue of a language, a ``.po`` file: texts in English, and the same in it."""
     file = resources.files("sassgis").joinpath("data", "languages", f"{language}.po")
-    return Catalogue(file.read_text(encoding="utf-8"))
+    entries: dict[str, str] = {}
+    for entry in file.read_text(encoding="utf-8").split("\n\n"):
+        texts = {"msgid": "", "msgstr": ""}
+        name = ""
+        for line in entry.splitlines():
+            if line.startswith("msg"):
+                name, _, line = line.partition(" ")
+            if line.startswith('"'):
+                texts[name] += json.loads(line)
+        entries[texts["msgid"]] = texts["msgstr"]
+    return entries

@@ -70,13 +70,9 @@ class Window:
     def around(self, cells: IntArray) -> tuple[IntArray, IntArray, IntArray]:
         """Return windows whose disk meets any of some cells (flat indices).
 
-        Returns
-        -------
-        centres : int64, shape (n_windows,)
-            Flat indices of the cells in the middle of the windows, ascending.
-        offset : int64, shape (n_cells + 1,)
-        number : int64, shape (offset[-1],)
-            The windows of each of ``cells``, by their position in ``centres``.
+        The cells in the middle of the windows (int64, shape (n_windows,), flat indices, ascending),
+        and ragged, with offset (n_cells + 1,), the windows of each of ``cells``, by their position
+        among these.
         """
         drow, dcol = self.steps()
         row, col = np.divmod(cells, self.n_cols)
@@ -146,10 +142,7 @@ class MapRun:
     rim: tuple[int, int, int, int] = (0, 0, 0, 0)
 
     def sides_met(self, looked_at: tuple[int, int, int, int]) -> tuple[bool, bool, bool, bool]:
-        """Find on which sides (north, east, south, west) paths looked into the rim of the grid.
-
-        ``looked_at`` as of Simulated.
-        """
+        """Find on which sides (north, east, south, west) paths looked into the rim (Simulated)."""
         n_rows, n_cols = self.grid.shape
         north, east, south, west = self.rim
         top, bottom, left, right = looked_at

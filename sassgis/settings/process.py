@@ -17,19 +17,9 @@ _V1 = ("memory.limit_in_bytes", "memory.usage_in_bytes", "total_inactive_file")
 def require_memory(need: Mapping[str, int], file: object = None, most: int | None = None) -> None:
     """Refuse what needs more memory than this process may have; where that is unknown, nothing.
 
-    Parameters
-    ----------
-    need : mapping
-        Bytes by the key of the configuration that they depend on.
-    file : object, optional
-        What messages name.
-    most : int, optional
-        What the user allows (bytes), where that is less.
-
-    Raises
-    ------
-    InputError
-        It names the key that most of it depends on, and others with a quarter of that at least.
+    ``need`` is in bytes by the key of the configuration that it depends on, ``file`` what messages
+    name, ``most`` what the user allows (bytes), where that is less. InputError names the key that
+    most of it depends on, and others with a quarter of that at least.
     """
     free, total, words = memory_bytes(), sum(need.values()), "are free here"
     if most is not None and (free is None or most < free):
@@ -38,19 +28,13 @@ def require_memory(need: Mapping[str, int], file: object = None, most: int | Non
         return
     largest = max(need.values())
     keys = sorted((key for key in need if 4 * need[key] >= largest), key=lambda key: -need[key])
-    raise InputError(
-        "needs more memory than there is",
-        file=file,
-        field=", ".join(keys),
-        found=f"about {total / 1e9:.3g} GB",
-        expected=f"at most {free / 1e9:.3g} GB, which {words}",
-    )
+    found, expected = f"about {total / 1e9:.3g} GB", f"at most {free / 1e9:.3g} GB, which {words}"
+    problem, field = "needs more memory than there is", ", ".join(keys)
+    raise InputError(problem, file=file, field=field, found=found, expected=expected)
 
 
 def memory_bytes(root: Path = Path("/")) -> int | None:
-    """Return the memory that this process has and may still take (bytes).
-
-    It is None where it cannot be known.
+    """Return the memory that this process has and may still take (bytes); None where it is unknown.
 
     What the machine has available, or less where a control group (a container, a batch system)
     allows less. ``root`` is where the files of the system lie.

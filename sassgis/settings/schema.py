@@ -130,10 +130,7 @@ def refusal(error: InputError) -> PydanticCustomError:
 
 
 def composed(text: str) -> str:
-    """Return a name in the one of its Unicode forms that all are compared in (NFC).
-
-    That is ö, not o and dots.
-    """
+    """Return a name in the one Unicode form (NFC) in which all are compared: ö, not o and dots."""
     return text if unicodedata.is_normalized("NFC", text) else unicodedata.normalize("NFC", text)
 
 
@@ -327,13 +324,9 @@ class Declared(NamedTuple):
         return self.default is dataclasses.MISSING
 
 
-def declared(cls: type) -> Mapping[str, Declared]:
-    """Return settings of a section by key, in order; fields without a description are none."""
-    return _declared(cast(Any, cls))
-
-
 @cache
-def _declared(cls: Any) -> Mapping[str, Declared]:
+def declared(cls: Any) -> Mapping[str, Declared]:
+    """Return settings of a section by key, in order; fields without a description are none."""
     hints = get_type_hints(cls, include_extras=True)
     found: dict[str, Declared] = {}
     for field in dataclasses.fields(cls):

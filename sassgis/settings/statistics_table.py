@@ -333,8 +333,7 @@ def bins_for(
 ) -> Bins:
     """Make bins for blocks that fall through a relief, between highest and lowest place (m).
 
-    The initial drop and speed of the blocks count too; ``thresholds_kj`` are energies that hazard
-    curves must have a value for.
+    Their initial drop and speed count too; ``thresholds_kj`` as in default_bins.
     """
     g = engine.gravity_mps2
     drop = relief_m + max(b.drop_m[1] for b in blocks)

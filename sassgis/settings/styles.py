@@ -1,21 +1,19 @@
 """How layers look in QGIS: one description, used in every place that QGIS reads.
 
-The XML made of it (``raster_style``, ``vector_style``) goes into the ``.qml`` next to a raster, the
-``layer_styles`` table of the GeoPackage and the project, so that a layer looks the same wherever it
-is opened from. It is the format of QGIS 3.22; later versions read it.
+``raster_style`` and ``vector_style`` make XML of it (of QGIS 3.22; later versions read it) for the
+``.qml`` next to a raster, the ``layer_styles`` table of the GeoPackage and the project.
 """
 
 from __future__ import annotations
 
-import csv
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cache
-from importlib import resources
 from itertools import pairwise
 from typing import Literal
 
+from sassgis.settings.built_in_rows import built_in_rows
 from sassgis.settings.languages import phrase, translated
 from sassgis.settings.results import RasterClass
 
@@ -114,14 +112,9 @@ class VectorStyle:
 def class_limits(breaks: Sequence[float]) -> list[tuple[float, float]]:
     """Return the lower and upper limits of the classes that ascending ``breaks`` make.
 
-    The limits belong to the class above: lower <= value < upper. The first class is open below,
-    the last above. A first break of zero opens no class below itself, as nothing that is mapped
-    is negative.
-
-    Raises
-    ------
-    ValueError
-        If the breaks do not ascend or there are none.
+    A limit belongs to the class above: lower <= value < upper. The first class is open below, the
+    last above. A first break of zero opens no class below itself, as nothing that is mapped is
+    negative. ValueError if the breaks do not ascend or there are none.
     """
     if not breaks or any(not low < high for low, high in pairwise(breaks)):
         raise ValueError(f"class limits must ascend: {tuple(breaks)}")
@@ -135,15 +128,10 @@ def class_labels(breaks: Sequence[float], unit: str) -> list[str]:
 
 
 def class_colours(breaks: Sequence[float], ramp: str) -> list[str]:
-    """Return colours (``#rrggbb``) of the classes of :func:`class_limits`.
+    """Return colours (``#rrggbb``) of the classes of :func:`class_limits`; ValueError as of both.
 
-    The classes are spread over the ramp from end to end, the one below the first break included
-    even where zero as the first break leaves it out: so the palest end of a ramp can be avoided.
-
-    Raises
-    ------
-    ValueError
-        If the breaks do not ascend or there is no such ramp.
+    They are spread over the ramp from end to end, the class below the first break included even
+    where zero as the first break leaves it out: so the palest end of a ramp can be avoided.
     """
     return ramp_colours(ramp, len(breaks) + 1)[-len(class_limits(breaks)) :]
 
@@ -151,8 +139,7 @@ def class_colours(breaks: Sequence[float], ramp: str) -> list[str]:
 def class_tint(entry: RasterClass) -> str:
     """Return colour (``#rrggbb``) of a class on a raster, where no lines can be drawn.
 
-    A hatched class is as pale as its colour and white in equal parts: what a hatch looks like from
-    afar.
+    That of a hatch is half white, as it looks from afar.
     """
     if not entry.hatched:
         return entry.colour.lower()
@@ -194,10 +181,7 @@ def categorised_style(
     entries: Mapping[str | int, tuple[str, str]],
     smallest_scale: float = 0.0,
 ) -> VectorStyle:
-    """Return one colour per value.
-
-    The symbol has the colour of each entry, which is (label, ``#rrggbb``).
-    """
+    """Return one colour per value: the symbol in that of its entry (label, ``#rrggbb``)."""
     return VectorStyle(
         symbol=symbol,
         method="categories",
@@ -260,19 +244,12 @@ FOOTPRINT_STYLE = VectorStyle(
 # at its end is the same ramp reversed.
 @cache
 def _ramps() -> Mapping[str, tuple[str, ...]]:
-    text = resources.files("sassgis").joinpath("data", "ramps.csv").read_text(encoding="ascii")
-    names, *rows = csv.reader(text.splitlines())
-    return dict(zip(names, zip(*rows, strict=True), strict=True))
+    rows = list(built_in_rows("ramps"))
+    return {name: tuple(row[name] for row in rows) for name in rows[0]}
 
 
 def ramp_colours(ramp: str, count: int) -> list[str]:
-    """Return colours (``#rrggbb``) evenly along a ramp, from end to end.
-
-    Raises
-    ------
-    ValueError
-        If there is no such ramp.
-    """
+    """Return colours (``#rrggbb``) evenly along a ramp; ValueError if there is no such ramp."""
     ramps = _ramps()
     name = ramp.removesuffix("_r")
     if name not in ramps:

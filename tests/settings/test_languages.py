@@ -58,7 +58,7 @@ def fields(text: str) -> Counter[tuple[str | None, str | None]]:
 
 
 def test_all_languages_have_the_same_texts_of_the_program_with_the_same_parts() -> None:
-    catalogues = {name: translations(name).entries for name in LANGUAGES if name != "en"}
+    catalogues = {name: translations(name) for name in LANGUAGES if name != "en"}
     keys = set(catalogues["de"])
     assert len(keys) > 400 and keys <= {"", *texts()}
     for name, entries in catalogues.items():
@@ -69,7 +69,7 @@ def test_all_languages_have_the_same_texts_of_the_program_with_the_same_parts() 
 
 
 def test_no_phrase_is_missing() -> None:
-    known = set(translations("de").entries)
+    known = set(translations("de"))
     for file in PACKAGE.rglob("*.py"):
         for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
             match node:
@@ -79,7 +79,7 @@ def test_no_phrase_is_missing() -> None:
 
 
 def test_columns_and_layers_of_a_result_are_named_in_all_languages() -> None:
-    known = set(translations("de").entries)
+    known = set(translations("de"))
     # The pages of a diagnosis, with the rocks that were observed, are in English only.
     english = re.compile(r"gap_\w+|impacts|stand|\w+\.observed")
     with (PACKAGE / "data" / "map_layers.csv").open(encoding="utf-8") as stream:
