@@ -74,10 +74,7 @@ def same(*names: str) -> dict[str, str]:
 def table_of(
     rows: Sequence[object], columns: Mapping[str, str], digits: Mapping[str, int]
 ) -> pd.DataFrame:
-    """Return a row for each thing: its attributes by the names of their columns.
-
-    Numbers in the columns that ``digits`` names are rounded to so many.
-    """
+    """Return a row for each thing, columns by attribute; those in ``digits`` rounded."""
     values = {name: [attrgetter(own)(row) for row in rows] for name, own in columns.items()}
     values |= {name: [rounded(v, n) for v in values[name]] for name, n in digits.items()}
     return pd.DataFrame(values)
@@ -147,10 +144,7 @@ _FORMULA = ("=", "+", "-", "@", "\t", "\r")
 
 
 def without_formulas(frame: pd.DataFrame) -> pd.DataFrame:
-    """Return a table whose texts no spreadsheet computes.
-
-    An apostrophe stands before what it would.
-    """
+    """Return a table with an apostrophe before texts that a spreadsheet would compute."""
 
     def text(value: object) -> object:
         if not isinstance(value, str):
@@ -166,10 +160,7 @@ def without_formulas(frame: pd.DataFrame) -> pd.DataFrame:
 
 
 def _not_empty(frames: Iterable[pd.DataFrame]) -> Iterator[pd.DataFrame]:
-    """Yield frames that have rows; an empty one if all are.
-
-    Arrow knows no type of a column of texts that has none.
-    """
+    """Yield frames with rows, or an empty one: Arrow knows no type of texts without any."""
     empty, some = None, False
     for frame in frames:
         if len(frame):

@@ -47,12 +47,10 @@ def write_diagnosis_json(path: Path, diagnosis: Diagnosis) -> None:
 
 
 def write_gap_gpkg(path: Path, case: Case, diagnosis: Diagnosis) -> None:
-    """Write ``gap.gpkg``: where observed and simulated rocks part, on the map.
+    """Write a new ``gap.gpkg``: where observed and simulated rocks part, on the map.
 
-    Layers ``gap_stretches`` (findings that belong to a stretch: that stretch of every fall line),
-    ``gap_points`` (findings at a station), ``stations``, ``fall_lines``, ``stops``, ``impacts``
-    and, if the named effect brings one, ``stand``. Findings without a place on the map ("all",
-    kinds of ground) are points at the coordinates that they state. The file must not exist.
+    Findings of a stretch lie on every fall line; those without a place on the map ("all", kinds of
+    ground) are points at the coordinates that they state.
     """
     verdict = diagnosis.verdict
     metadata = {
@@ -79,8 +77,7 @@ def write_gap_gpkg(path: Path, case: Case, diagnosis: Diagnosis) -> None:
 def write_config_back(path: Path, config: Config, diagnosis: Diagnosis, case: Case) -> Path:
     """Write the user's configuration with the calibrated ground and the named effect.
 
-    A ground-class table and, for fitted trees, a forest are written next to it, in a folder that is
-    made. Files that the configuration names are named relative to the new place. ConfigError or
+    A ground-class table and, for fitted trees, a forest are written next to it. ConfigError or
     InputError if the result could not be used in a run.
     """
     calibrated = diagnosis.effect
@@ -188,12 +185,7 @@ def _comments(
 def classes_csv(
     table: GroundTable, configured: GroundTable, provenance: Callable[[GroundClass], str]
 ) -> str:
-    """Return a table of ground classes.
-
-    Those that were changed get their provenance and what was before.
-
-    ``provenance`` gives a sentence for a class that was changed.
-    """
+    """Return a table of ground classes; changed ones with a sentence and what was before."""
     before = {c.name: c for c in configured.classes}
     classes = []
     for own in table.classes:

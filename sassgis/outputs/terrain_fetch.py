@@ -192,13 +192,10 @@ def fetch_terrain(
     most: int,
     say: Callable[[str], None],
 ) -> Path:
-    """Fetch tiles into a folder and put them together.
+    """Fetch tiles into a folder, made if missing; returns ``terrain.vrt``, which joins them.
 
-    Tiles that are there are kept. The virtual raster is written last, when all tiles are whole. The
-    folder is made if missing; more than ``most`` tiles are refused; ``say`` is called with a line
-    for each.
-
-    Returns the path of ``terrain.vrt``. Beside it ``sources.json`` says where each tile comes from.
+    Tiles that are there are kept; the virtual raster is written last. More than ``most`` tiles are
+    refused; ``say`` gets a line for each. ``sources.json`` says where each tile comes from.
     """
     if len(offers) > most:
         raise InputError(
@@ -222,10 +219,7 @@ def fetch_terrain(
 
 
 def _fetch(offer: TileOffer, folder: Path, timeout_s: float) -> bool:
-    """Fetch a tile, a few times if it is damaged; False if a whole one was there already.
-
-    Until the tile is whole and checked its name ends in ``.part``.
-    """
+    """Fetch a tile, ``.part`` until it is whole and checked; False if it was there already."""
     target, part = folder / offer.file, folder / f"{offer.file}.part"
     if target.exists():
         if wrong := _damage(offer, target):

@@ -45,10 +45,7 @@ _SEVERAL = {
 def change_figures(
     before: StoredResult, after: StoredResult, folder: Path, *, levels: bool
 ) -> tuple[ReportFigure, ...]:
-    """Draw the maps before and after, on the same cells, and their difference into a folder.
-
-    ``levels`` says whether the levels can be compared.
-    """
+    """Draw maps before and after and their difference; that of ``levels`` if comparable."""
     grid = after.grid
     out = []
     for compared in (*([LEVEL] if levels else []), *compared_maps(before, after)):

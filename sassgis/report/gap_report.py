@@ -97,11 +97,7 @@ def report_warnings(case: Case, diagnosis: Diagnosis) -> list[str]:
 
 
 def headline(findings: Iterable[GapFinding]) -> GapFinding | None:
-    """Return the finding whose quantity the map shows.
-
-    Of quantities that differ from chance somewhere along the fall lines the one that matters most
-    for the hazard; if there is none, the most certain.
-    """
+    """Return the finding to map: the most important quantity among those beyond chance."""
     placed = [f for f in findings if math.isfinite(f.gap) and math.isfinite(f.s0_m)]
 
     def rank(finding: GapFinding) -> tuple[bool, bool, int, float, float]:
@@ -142,10 +138,7 @@ def map_parts(
 
 
 def _one_per_place(findings: Iterable[GapFinding], first: GapFinding | None) -> list[GapFinding]:
-    """Keep findings of the map's main quantity, one for each place.
-
-    It is that of the phase that heads the map, or else the most certain.
-    """
+    """Keep the most certain finding of the main quantity at each place, of its phase first."""
     if first is None:
         return []
     same = [
@@ -445,10 +438,7 @@ def gap_report(
     configuration: str,
     warnings: Sequence[str],
 ) -> ReportContext:
-    """Draw the figures into ``folder`` and put the report together.
-
-    Project, terrain file, coordinate system and configuration file are given by their names.
-    """
+    """Draw the figures into ``folder`` and put the report together."""
     rows, columns = case.grid.shape
     cells = phrase(
         "{}, {} × {} cells of {} m", terrain, columns, rows, f"{case.grid.cell_size:.4g}"

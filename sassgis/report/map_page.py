@@ -418,10 +418,7 @@ def _packed(values: NDArray[Any]) -> str:
 def _shape(
     kind: str, name: str, geometry: Any, rows: Rows, colour: str = "", curve: Iterable[Any] = ()
 ) -> dict[str, Any]:
-    """Return a geometry with what is said of it.
-
-    Geometries are lines, rings of polygons with their holes, or points.
-    """
+    """Return a geometry (lines, rings with their holes, or points) with what is said of it."""
     parts = []
     for part in shapely.get_parts(geometry):
         if isinstance(part, shapely.Polygon):

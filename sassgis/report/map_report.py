@@ -248,7 +248,6 @@ def map_report(
 
     ``furthest`` are the paths on the line of the block with the longest run-out. The facts are
     those of the GeoPackage, the name "terrain_file", and "tolerance_check" if there was one.
-    Exposed objects are drawn on the maps.
     """
     total = int(progress.reasons.sum())
     anything = bool(progress.sums.cells.size)

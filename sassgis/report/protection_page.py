@@ -94,9 +94,8 @@ def protection_sheets(
 def best_places(places: pd.DataFrame) -> tuple[pd.Series, pd.Series] | None:
     """Find where along the slope the least energy and height of 95 % of the blocks arrive.
 
-    ``places`` as of places_table, for one line. Places upslope that fewer blocks reach than the
-    line itself are left out, as the others start below them or pass next to it. None if there is
-    nothing to compare.
+    Places upslope that fewer blocks reach than the line itself are left out: the others start below
+    them or pass next to it. None if there is nothing to compare.
     """
     here = places[places["moved_m"] == 0.0]
     if len(places) < 2 or not len(here):
@@ -108,11 +107,7 @@ def best_places(places: pd.DataFrame) -> tuple[pd.Series, pd.Series] | None:
 
 
 def needs_table(arriving: pd.Series, needs: pd.DataFrame, built: bool) -> ReportTable:
-    """Tabulate what a line must take by return period; a dash where blocks come less often.
-
-    ``arriving`` is its row of ``tables/design.csv``, ``needs`` are those of ``protection.csv``;
-    ``built`` if it is no station.
-    """
+    """Tabulate needs of a line from its rows of design.csv and protection.csv; dash: too rare."""
     columns = (
         "return period | years; energy | kJ; energy class; passing height | m; block | m; "
         "net height | m"
@@ -146,11 +141,7 @@ def write_protection_page(
     change: ReportFigure | None,
     warnings: int,
 ) -> None:
-    """Write the sheets into one HTML file that prints a page of A4 for each.
-
-    ``change`` shows the hazard levels without and with walls and nets, ``warnings`` is how many
-    the report has.
-    """
+    """Write the sheets into one HTML file that prints a page of A4 for each."""
     text = template("protection.html.j2").render(
         title=title, byline=byline, sheets=sheets, change=change, warnings=warnings,
         classes=", ".join(f"{name}: {most:g}" for name, most in net_classes() if most < np.inf),

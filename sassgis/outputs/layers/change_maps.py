@@ -68,10 +68,7 @@ def level_change_layer(before: StoredResult, after: StoredResult) -> RasterLayer
 def zone_changes(
     before: StoredResult, after: StoredResult
 ) -> tuple[VectorLayer, pd.DataFrame] | None:
-    """Return parts of the zones by what becomes of their level, and their areas.
-
-    It is None without zones.
-    """
+    """Return parts of the zones by change of level, and their areas; None without zones."""
     if before.zones is None or after.zones is None:
         return None
     both = changes(_one_class_each(before.zones), _one_class_each(after.zones))

@@ -238,12 +238,7 @@ def impact_layer(case: Case) -> VectorLayer:
 
 
 def stand_polygon(case: Case, stand: tuple[float, float]) -> shapely.MultiPolygon:
-    """Return the area of a stand between two chainages of the fall lines (m).
-
-    It is empty where no line reaches it.
-
-    The stretches of the fall lines widened to both sides, as far as it takes to join neighbours.
-    """
+    """Return the fall lines between two chainages (m), widened until neighbours join."""
     parts = [line_stretch(case.traces, i, *stand) for i in used_lines(case)]
     lines = [shapely.LineString(p) for p in parts if len(p) > 1]
     side = max(_STAND_SIDE_M, 2.0 * case.grid.cell_size)

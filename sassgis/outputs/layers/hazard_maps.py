@@ -34,11 +34,9 @@ def hazard_layers(
 ) -> tuple[RasterLayer, ...]:
     """Map level and its certainty, intensity, energy, return period and frequency.
 
-    Cells to which a statement does not apply are NaN: those that no block reaches, or not as often;
-    but another sample may give a level to some that this one does not reach.
-    The thresholds of the preset are among the energies of the curves. Intensity and energy are
-    mapped for the return periods (years, ascending), all frequencies for the reference width (m);
-    ``confidence`` is that of the intervals, ``chances`` are those of the curves.
+    Cells that no block reaches, or not as often, are NaN; but another sample may give a level to
+    some that this one does not reach. The thresholds of the preset are among the energies of the
+    curves. Return periods (years) are ascending; all frequencies are for the reference width (m).
     """
     maker = _Maker(curves, preset, grid, ref_width_m, confidence)
     return (

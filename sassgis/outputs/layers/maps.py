@@ -34,10 +34,7 @@ class Place(NamedTuple):
 def described_band(
     key: str, column: str, values: NDArray[Any], name: str = "", **words: object
 ) -> Band:
-    """Return a band as its row in ``data/map_layers.csv`` describes it.
-
-    Its name is that of the row unless another is given; ``words`` take the places of ``{...}``.
-    """
+    """Return a band as its row in ``data/map_layers.csv`` says; ``words`` fill its ``{...}``."""
     row = descriptions()[key][column]
     description, unit = (phrase(row[part], **words) for part in ("alias", "unit"))
     return Band(name or column, description, unit, values.astype(np.float32))
@@ -83,9 +80,8 @@ def map_layers(
 ) -> tuple[RasterLayer, ...]:
     """Return layers of all that is known per cell of the blocks; NaN in cells that none reaches.
 
-    ``edges`` are those of the histograms by quantity. The side of a cell (m) is the reference width
-    of the reach probability. The energy classes (kJ) are those of the legend, if they are not those
-    of the table of statistics.
+    ``edges`` are those of the histograms by quantity. The cell size (m) is the reference width of
+    the reach probability. The energy classes (kJ) replace those of the legend.
     """
     words = {
         "rocks": sample.started,

@@ -64,10 +64,7 @@ _LIMITS = "by the sampling of blocks; none of the model or of the onset frequenc
 
 
 def exposed_layers(placed: PlacedObjects, crs: str) -> list[VectorLayer]:
-    """Return layers of areas, lines and points, those that have objects.
-
-    Stretches of a road are one object.
-    """
+    """Return layers of areas, lines and points, those that have objects; a road is one."""
     whole = {"name": [t.whole for t in placed.objects], "kind": [t.kind for t in placed.objects]}
     frame = gpd.GeoDataFrame(whole, geometry=list(placed.geometries), crs=crs or None)
     frame = frame.dissolve(["name", "kind"], sort=False).reset_index()[["name", "kind", "geometry"]]
@@ -154,11 +151,10 @@ def risk_vectors(
     currency: str,
     values: ObjectValues | None = None,
 ) -> list[VectorLayer]:
-    """Return layers of the objects of a table (in its order) with their attributes and results.
+    """Return ``risk_objects`` (polygons), ``risk_lines`` and ``risk_points``, those that there are.
 
-    ``risk_objects`` (polygons), ``risk_lines`` (stretches) and ``risk_points``, those that have
-    objects. Colours show the individual risk where people are at stake (on roads: the deaths on
-    each stretch), else the loss.
+    Colours show the individual risk where people are at stake (on roads: the deaths on each
+    stretch), else the loss.
     """
     if placed.objects != table.objects:
         raise ValueError("the places are not those of the objects of the table")

@@ -229,12 +229,7 @@ def control_line_layers(run: MapRun, progress: Progress) -> list[VectorLayer]:
 
 
 def cell_outlines(numbers: NDArray[Any], grid: Grid) -> Iterator[tuple[Any, int]]:
-    """Yield patches of cells with the same number above 0.
-
-    Each is an outline with the corners of cells, and the number.
-
-    Cells that touch at a corner only are separate patches.
-    """
+    """Yield outline and number of patches of cells (no diagonals) with a number above 0."""
     patches = rasterio.features.shapes(
         numbers, numbers > 0, connectivity=4, transform=affine_of(grid)
     )

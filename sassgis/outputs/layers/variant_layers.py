@@ -94,10 +94,7 @@ def _parameter_classes(
 def spread_layers(
     maps: CellMaps, draws: int, grid: Grid, preset: HazardPreset | None, ref_width_m: float
 ) -> tuple[RasterLayer, ...]:
-    """Return limits of the bands of the hazard level, with a preset, and of the reach probability.
-
-    The reference width (m) is that of the hazard level.
-    """
+    """Return limits of the bands of hazard level (width in m), with a preset, and of reach."""
     place = Place(maps.cells, grid.shape)
     reach = next(row for row in STATISTICS if row.stem == "reach_probability")
     looks: dict[str, tuple[float, dict[str, Any]]] = {

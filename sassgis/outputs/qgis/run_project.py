@@ -118,11 +118,10 @@ def write_run_project(
     layouts: Sequence[PrintLayout] = (),
     base_map: RasterLayer | None = None,
 ) -> None:
-    """Write ``project.qgz`` over the files of a run.
+    """Write ``project.qgz`` over the files of a run, which opens at an extent.
 
-    The extent is what is shown at first. Layers and terrain are in ``maps``, vectors in
-    ``result.gpkg``. The groups are those of a zoning, and of draws of the ground: below what was
-    drawn, above the maps of the blocks. ``base_map`` is that of ``imprint.base_map``.
+    The groups are those of a zoning, and of draws of the ground: below what was drawn, above the
+    maps of the blocks. ``base_map`` is that of ``imprint.base_map``.
     """
     by_name = {v.name: v for v in vectors}
 
@@ -212,10 +211,7 @@ def zone_groups(
     preset: HazardPreset,
     edits: VectorLayer | None = None,
 ) -> tuple[LayerGroup, ...]:
-    """Return the groups of a zoning: zones, intensities, frequencies, federal layers, risk.
-
-    Rasters are in ``maps``, edits in a separate file, the others in ``hazard.gpkg``.
-    """
+    """Return the groups of a zoning: zones, intensities, frequencies, federal layers, risk."""
 
     def vectors(layers: Sequence[VectorLayer], visible: tuple[str, ...] = ()) -> list[LayerEntry]:
         return [LayerEntry(v, _VECTORS, visible=v.name in visible) for v in layers]
@@ -289,10 +285,7 @@ def zone_layouts(
     risk: Sequence[VectorLayer],
     grid: Grid,
 ) -> tuple[PrintLayout, ...]:
-    """Return the sheets of a zoning: hazard level, intensity by return period, risk.
-
-    ``own`` are its layers but for edits and those of the federal model.
-    """
+    """Return the sheets of a zoning: hazard level, intensity by return period, risk."""
     preset, drawn = rules.preset, rules.zones
     least = scale_text(drawn.scale), f"{drawn.width_m:g}", f"{drawn.area_m2:g}"
     facts = (
@@ -336,10 +329,7 @@ def zone_layouts(
 
 
 def onset_words(rules: Rules) -> str:
-    """Return onset frequencies by scenario.
-
-    They are those of each release area, or from the least to the greatest.
-    """
+    """Return onset frequencies of a release area by scenario, or their least and greatest."""
     by_scenario: dict[str, list[float]] = {}
     for (_, scenario), frequency in rules.frequencies.items():
         by_scenario.setdefault(scenario, []).append(frequency)

@@ -66,10 +66,7 @@ class XtfObject(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class ExportResult:
-    """A transfer file that was written, its objects by class, and what the validator says of it.
-
-    The validation is None where it was not asked for.
-    """
+    """A transfer file that was written, its objects by class, and its verdict if asked for."""
 
     path: Path
     objects: Mapping[str, int]
@@ -191,10 +188,7 @@ def _text(attribute: Attribute, value: Any) -> str:
 
 
 def _document(objects: Mapping[str, Sequence[XtfObject]]) -> Iterator[str]:
-    """Return the text of a transfer file in parts, as it may be large.
-
-    ``objects`` are those of each class; the identifier of the basket is made from theirs.
-    """
+    """Yield the text of a transfer file, whose basket is named after its objects."""
     environment = jinja2.Environment(
         loader=jinja2.PackageLoader("sassgis", "data"),
         undefined=jinja2.StrictUndefined,
@@ -214,9 +208,7 @@ def _document(objects: Mapping[str, Sequence[XtfObject]]) -> Iterator[str]:
 
 
 def touching_at_corners(polygon: Any) -> list[list[tuple[float, float]]]:
-    """Return closed rings of a valid polygon, the outline first.
-
-    Where they touch, both have a corner.
+    """Return closed rings of a valid polygon, the outline first, with corners where they touch.
 
     INTERLIS takes a corner on the edge of another ring for an intersection.
     """

@@ -93,11 +93,7 @@ with open(task["verdict"], "w") as stream:
 
 
 def validate_xtf(xtf: Path, model_folder: Path) -> ValidationResult:
-    """Let ilivalidator check a transfer file against the models of a folder; without any network.
-
-    The folder holds the .ili files of the model and of all models that it imports: it is one that
-    check_validator has found fit.
-    """
+    """Let ilivalidator check a transfer file against the .ili files of a folder; offline."""
     with tempfile.TemporaryDirectory(prefix="sassgis-") as name:
         work = Path(name)
         # Semicolons part its lists of files, and it knows no names beyond ASCII everywhere.

@@ -63,10 +63,7 @@ def parameters_figure(fitted: Sequence[Fitted]) -> Figure:
 def quantity_curves_figure(
     panels: Sequence[tuple[str, FloatArray, Mapping[str, FloatArray]]],
 ) -> Figure:
-    """Return shares of rocks below a value: observed, before, after, rocks left out.
-
-    A panel is a label, what was observed, and what was simulated by each model.
-    """
+    """Draw shares of rocks below a value; a panel is label, observed, simulated by model."""
     columns = min(len(panels), 2) or 1
     rows = max(math.ceil(len(panels) / columns), 1)
     figure = new_figure(WIDTH_IN, 2.4 * rows)

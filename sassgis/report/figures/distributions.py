@@ -53,18 +53,8 @@ def energy_profile_figure(
 ) -> Figure:
     """Draw quantiles of a quantity along the profile, with the slope beneath.
 
-    Parameters
-    ----------
-    s_bins : float, shape (n + 1,)
-        Edges of the chainage bins (m).
-    quantiles : by share (0.5, 0.95, ...), float, shape (n,)
-        Value that this share of the passing blocks stays below; NaN where no block passes.
-    s, z : float, shape (m,)
-        Chainage and height of the vertices of the slope (m).
-    quantity : {"energy", "speed", "height"}
-        Energy (kJ) has a logarithmic axis; speed (m/s) and passing height (m) a plain one.
-    control_lines : (ControlLine, chainage)
-        Marked in both panels.
+    ``s_bins`` of shape (n + 1,) are the edges of the chainage bins (m), the quantiles those of the
+    passing blocks by share, of shape (n,), NaN where none passes; energy has a logarithmic axis.
     """
     name, unit, title = QUANTITIES[quantity]
     figure = Sheet(title, "", 4.0).figure
@@ -168,10 +158,7 @@ def _panel(ax: Axes, name: str, histogram: Histogram, log: bool) -> None:
 
 @house_style()
 def station_figure(name: str, *histograms: Histogram, n: int) -> Figure:
-    """Draw speed, rotation, height and energy of the blocks that pass a station, of n in all.
-
-    The edges of the energies grow by a factor.
-    """
+    """Draw speed, rotation, height, energy (by a factor) of blocks at a station, of n in all."""
     passed = thousands(int(np.sum(histograms[0].counts)))
     figure = Sheet(name, phrase("{} of {} simulated blocks pass", passed, thousands(n)), 4.1).figure
     axes = figure.subplots(2, 2)
@@ -189,11 +176,7 @@ def runout_figure(
 ) -> Figure:
     """Draw where blocks end by StopReason, and the share that gets at least so far.
 
-    Parameters
-    ----------
-    edges : float, shape (n_bins + 1,)
-        Chainages between the bins (m), evenly spaced. They are drawn as about 30 wider ones.
-    counts : by StopReason, int, shape (n_bins,)
+    ``edges`` are evenly spaced chainages (m); their bins are drawn as about 30 wider ones.
     """
     total = np.sum(list(counts.values()), axis=0, dtype=float)
     kinds = {reason: int(np.sum(n)) for reason, n in counts.items() if np.any(n)}

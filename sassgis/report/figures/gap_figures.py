@@ -95,9 +95,8 @@ def gap_map_figure(
 ) -> Figure:
     """Draw fall lines and stations over the relief, coloured by the gap of one quantity.
 
-    Fall lines, release points and where observed blocks lie (``stops``) are of shape (n, 2) (m);
-    ``stretches`` are the parts of the lines on which the quantity was compared. Quantity and unit
-    are empty if no gap is to be shown.
+    Lines, release and ``stops`` are of shape (n, 2) (m). Stretches and stations are trace, gap (NaN
+    where nothing was compared), and whether it is sure; the others are drawn thin.
     """
     points = all_points([*lines, *(s.trace for s in stations.values()), release, stops])
     points = points[np.isfinite(points).all(axis=1)]
@@ -179,11 +178,7 @@ def _chosen_rows(findings: Sequence[GapFinding]) -> dict[tuple[str, str], list[G
 
 @house_style()
 def gap_where_figure(findings: Sequence[GapFinding]) -> Figure:
-    """Draw every gap as a dot with its interval, a panel for each quantity in its unit.
-
-    The most certain findings come first. Quantities beyond ``MAX_PANELS`` and rows of one beyond
-    ``MAX_ROWS`` are left out, and the figure says so.
-    """
+    """Draw gaps with their intervals, a panel for each quantity; says what is left out."""
     groups = _chosen_rows(findings)
     shown = sum(len(rows) for rows in groups.values())
     note = phrase(
@@ -280,9 +275,8 @@ def _distance(observed: FloatArray, model: FloatArray) -> float:
 def gap_distributions_figure(comparisons: Sequence[Comparison], *, effect: str = "") -> Figure:
     """Draw the distributions of observed rocks and of the models, each as it is: in steps.
 
-    The band is that of the calibrated base model for as many rocks as were observed: a curve within
-    it does not differ from that model. Of more than ``MAX_PANELS`` comparisons the figure says so.
-    ``effect`` is that of the effect model, empty if none is named.
+    The band is that of the calibrated base model for as many rocks as were observed. ``effect`` is
+    that of the effect model, empty if none is named.
     """
     chosen = list(comparisons)[:MAX_PANELS]
     after = bool(effect) and any(c.effect for c in chosen)
@@ -356,10 +350,7 @@ def _draw_comparison(ax: Axes, comparison: Comparison, width_in: float, after: b
 
 @house_style()
 def gap_ladder_figure(ladder: Sequence[Rung]) -> Figure:
-    """Draw the distance of each model to the observed rocks, and the share of the gap it closes.
-
-    The configured model comes first, what chance leaves last.
-    """
+    """Draw the distance of each model to the observed rocks, and how much it closes the gap."""
     note = (
         "Energy distance to the observed rocks, each compared with a model fitted without it; in "
         "brackets the 95 % interval of the share of the gap (rocks resampled)."
@@ -392,10 +383,7 @@ def gap_ladder_figure(ladder: Sequence[Rung]) -> Figure:
 def gap_hypotheses_figure(
     hypotheses: Sequence[Hypothesis], *, verdict: str, confusion: Sequence[str] = ()
 ) -> Figure:
-    """Draw what each explanation gains, and how probable it is, the most probable first.
-
-    The effect that the diagnosis names is marked, and those that the data do not separate from it.
-    """
+    """Draw gain and probability of each explanation; marks the answer and what may be it."""
     n = len(hypotheses)
     others = [e for e in confusion if e != verdict]
     note = phrase(

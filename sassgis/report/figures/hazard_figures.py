@@ -54,10 +54,7 @@ _FIELD_ALPHA = 0.38
 
 
 def leading_sources(by_source: Mapping[str, FloatArray]) -> dict[str, FloatArray]:
-    """Return the sources from which most blocks arrive, and the sum of the others.
-
-    At most ``MAX_SOURCES``; those without a block are left out. Rates are of shape (n_energies,).
-    """
+    """Return rates of at most MAX_SOURCES sources, the most frequent first, others as a sum."""
     coming = {name: np.asarray(r, float) for name, r in by_source.items() if np.any(r > 0.0)}
     names = sorted(coming, key=lambda name: -coming[name][0])
     if len(names) <= MAX_SOURCES:
@@ -126,21 +123,11 @@ def hazard_curve_figure(
     confidence: float = 0.95,
     note: str = "",
 ) -> Figure:
-    """Draw how often blocks reach a place with at least some energy.
+    """Draw how often blocks reach a place with at least some energy, over the hazard matrix.
 
-    Over the fields of the preset's matrix, whose highest field on the curve is the level.
-
-    Parameters
-    ----------
-    curves : HazardCurves
-        With the thresholds of the preset among its energies.
-    row : int
-        Position of the place in the curves.
-    by_source : mapping of str to float, shape (n_energies,), optional
-        Rate (1/year) of each source at the place; of more than ``MAX_SOURCES``, those from which
-        fewest blocks arrive are drawn together.
-    confidence : float
-        Of the band around the sum.
+    ``row`` is the place in the curves, which have the thresholds of the preset; ``by_source`` are
+    rates (1/year) of shape (n_energies,), of which the least of more than ``MAX_SOURCES`` go
+    together.
     """
     one = curves.part([row])
     energies, total = one.energies_kj, one.rate[0]
@@ -238,10 +225,7 @@ def _label_axes(ax: Axes, preset: HazardPreset) -> None:
 
 @house_style()
 def blocks_figure(history: Sequence[tuple[int, float]], limit: float) -> Figure:
-    """Draw the share of the zoned area that another sample changes against the blocks.
-
-    ``history`` is that of Progress, ``limit`` the share that was asked for.
-    """
+    """Draw the share of the zoned area that another sample changes against the blocks."""
     figure = new_figure(0.5 * WIDTH_IN, 2.2)
     ax = figure.subplots()
     blocks, shares = (np.array(values, np.float64) for values in zip(*history, strict=True))
@@ -284,20 +268,10 @@ def risk_figure(
     unit: str,
     top: int = 15,
 ) -> Figure:
-    """Draw the objects at largest risk, one at least, as bars with the interval of the sample.
+    """Draw the ``top`` objects at risk, one at least, as bars with the interval of the sample.
 
-    Parameters
-    ----------
-    names : sequence of str
-        Of the objects.
-    values : float, shape (n,)
-        Risk of each.
-    limits : pair of float, shape (n,)
-        Low and high by its sampling (95 %); NaN where not known.
-    quantity, unit : str
-        As "deaths" and "1/year".
-    top : int
-        Objects that are drawn; the others are summed in the note.
+    ``limits`` are low and high (95 %), NaN where not known; the other objects are summed in the
+    note.
     """
     order = np.argsort(-np.nan_to_num(values), kind="stable")
     order = order[values[order] > 0.0]
@@ -363,16 +337,7 @@ def protection_figure(
 ) -> Figure:
     """Draw energies before and behind a line by frequency, and what reaches copies of the line.
 
-    Parameters
-    ----------
-    places : DataFrame
-        Rows of places_table of this line; with a single row the second part is left out.
-    before, behind : Arrivals
-        Energies without walls and nets, and with them behind the line; None: no barrier.
-    capacity_kj : float
-        Drawn where it is finite.
-    confidence : float
-        Of the bands.
+    ``places`` are its rows of places_table; with a single one the second part is left out.
     """
     along = len(places) > 1
     figure = new_figure(WIDTH_IN, 2.7)

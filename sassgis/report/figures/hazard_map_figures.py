@@ -60,10 +60,7 @@ def _class_maps(
 def intensity_figure(
     grid: Grid, layers: Sequence[RasterLayer], marks: MapMarks, note: str = ""
 ) -> Figure:
-    """Draw maps of the same classes side by side, as the intensities of several return periods.
-
-    The title of each stands over its map; the classes of the first are the legend.
-    """
+    """Draw maps of the classes of the first side by side, each below its title."""
     panels = [class_panel(layer.bands[0].values, layer.classes, layer.title) for layer in layers]
     legend = ("", class_signs(layers[0].classes))
     return _class_maps(grid, panels, [legend], marks, "Intensity by return period", note)
@@ -87,13 +84,7 @@ def confidence_figure(
 
 
 def level_changes(before: FloatArray, after: FloatArray) -> FloatArray:
-    """Return the change of each cell's class: -1 lower, 0 the same, 1 higher; NaN without any.
-
-    Parameters
-    ----------
-    before, after : same shape
-        Positions among the classes; NaN where there is none, which is below the lowest.
-    """
+    """Return the change of positions among classes (-1, 0, 1); NaN, below all, without any."""
     old, new = np.nan_to_num(before, nan=-1.0), np.nan_to_num(after, nan=-1.0)
     return np.where((old < 0.0) & (new < 0.0), np.nan, np.sign(new - old))
 
@@ -109,10 +100,7 @@ def change_figure(
     title: str = "Hazard level without and with barriers",
     note: str = "",
 ) -> Figure:
-    """Draw the hazard level before and after, and where it became lower or higher.
-
-    Both layers are maps of the same classes; the names stand over them.
-    """
+    """Draw two maps of the same classes, and where the level became lower or higher."""
     classes = before.classes
     positions = [class_positions(layer.bands[0].values, classes) for layer in (before, after)]
     change = level_changes(*positions)
@@ -146,16 +134,9 @@ def map_change_figure(
     title: str,
     note: str = "",
 ) -> Figure:
-    """Draw a map before and after, and the difference.
+    """Draw a map before and after, and the difference; NaN where no block comes.
 
-    Parameters
-    ----------
-    before, after, change : shape of the grid
-        NaN where no rock comes.
-    unit : str
-        Empty for shares, which are drawn in per cent.
-    ramp : str
-        Name of a matplotlib colour map for the first two.
+    The unit is empty for shares, which are drawn in per cent; ``ramp`` colours the first two.
     """
     scale = 1.0 if unit else 100.0
     view = view_of(grid, footprint(grid, change, all_points(marks.release)))

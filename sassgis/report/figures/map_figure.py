@@ -63,19 +63,13 @@ _FALLING: dict[str, Any] = {"hatch": "\\" * 7, "fc": "none", "lw": 0.0, "hatch_l
 
 
 def shown_values(band: Band) -> FloatArray:
-    """Return values of a band as the map shows them, float64 with NaN where it stays clear.
-
-    As on the map in QGIS: see :func:`sassgis.settings.styles.zero_is_nothing`.
-    """
+    """Return values of a band as QGIS shows them too: float64, NaN where the map stays clear."""
     values = np.asarray(band.values, float)
     return np.where(values == 0.0, np.nan, values) if zero_is_nothing(band.unit) else values
 
 
 def class_numbers(values: FloatArray, breaks: Sequence[float]) -> FloatArray:
-    """Return position of each value among the classes of ``class_limits``; NaN where there is none.
-
-    A limit belongs to the class above it.
-    """
+    """Return positions among ``class_limits``, a limit in the class above it; NaN outside."""
     lower = np.array([low for low, _ in class_limits(breaks)])
     number = np.searchsorted(lower, values, side="right") - 1.0
     return np.where(np.isfinite(values) & (number >= 0.0), number, np.nan)
@@ -131,10 +125,7 @@ def class_signs(classes: Sequence[RasterClass], over: str = "") -> list[Patch]:
 
 
 def columns_of(panels: int, aspect: float, width_in: float, height_in: float) -> int:
-    """Return number of columns that makes equal panels largest; the fewest of those equally good.
-
-    The aspect is height by width of a panel; width and height are the room for all.
-    """
+    """Return the number of columns that makes equal panels largest in the room for all (in)."""
 
     def width(columns: int) -> float:
         rows = -(-panels // columns)
@@ -262,10 +253,7 @@ def _value_label(value: float, _: object = None) -> str:
 
 
 def _layer_panel(layer: RasterLayer) -> tuple[MapPanel, FloatArray]:
-    """Return a layer in its classes, those of its breaks, or as a ramp.
-
-    The second value is the values that it shows.
-    """
+    """Return a layer in its classes, those of its breaks, or as a ramp; and what it shows."""
     values = shown_values(layer.bands[0])
     if layer.classes:
         panel = class_panel(layer.bands[0].values, layer.classes)
@@ -306,10 +294,7 @@ def legend_beside(ax: Axes, signs: Sequence[Patch], heading: str = "") -> None:
 def map_figure(
     grid: Grid, layer: RasterLayer, marks: MapMarks | None = None, *, note: str | None = None
 ) -> Figure:
-    """Draw the first band of a layer: in its classes, those of its breaks, or as a ramp.
-
-    The layer lies on the cells of the terrain; below the map stands its note or another.
-    """
+    """Draw the first band of a layer over the relief, with its note or another below."""
     marks = marks or MapMarks()
     panel, values = _layer_panel(layer)
     corners = [shapely.get_coordinates(shapely.box(*p.bounds)) for p, _ in marks.zones]

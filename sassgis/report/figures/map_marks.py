@@ -200,10 +200,7 @@ def object_names(objects: Sequence[MapObject], box: Extent) -> list[MapName]:
 
 
 def _write_names(ax: Axes, names: Sequence[MapName], box: Extent, points_per_metre: float) -> None:
-    """Write names next to their places where they do not overlap those before them.
-
-    One for which there is no room on either side, above or below is left out, unless it is needed.
-    """
+    """Write names where they overlap no earlier one; without room only if they are needed."""
     taken: list[Extent] = []
     width, height = ((box[k + 2] - box[k]) * points_per_metre for k in (0, 1))
     for name in names:

@@ -26,12 +26,10 @@ MAX_CELLS = 900
 
 
 def footprint(grid: Grid, values: FloatArray | None, others: FloatArray) -> Extent:
-    """Return the extent of what is shown, with a margin, cut to the grid.
+    """Return the extent of what is shown, with a margin, cut to the grid; all of it without any.
 
-    It is the whole grid where nothing is shown.
-
-    Shown are cells of ``values`` that are not NaN, and those of the ``others``, coordinates of
-    shape (n, 2), that lie within the grid.
+    Shown are cells of ``values`` that are not NaN, and the ``others`` (n, 2) that lie within the
+    grid.
     """
     west, south, east, north = grid.bounds
     x, y = others[:, 0], others[:, 1]
@@ -96,10 +94,7 @@ class MapView:
         return np.asarray(found > 0)
 
     def coarse(self, values: FloatArray, how: str) -> tuple[FloatArray, Extent]:
-        """Return values of the part as they are drawn, and their extent.
-
-        It may reach beyond the part.
-        """
+        """Return values of the part as drawn, and their extent, which may reach beyond it."""
         drawn = coarsen(values, self.factor, how)
         step = self.grid.cell_size * self.factor
         west, north = self.grid.west, self.grid.north
@@ -121,10 +116,7 @@ def view_of(grid: Grid, box: Extent) -> MapView:
 
 
 def coarsen(values: FloatArray, factor: int, how: str) -> FloatArray:
-    """Bring blocks of ``factor`` by ``factor`` cells together by their "mean" or "max".
-
-    NaN cells are left out; a block without any value is NaN. Blocks may reach beyond the edge.
-    """
+    """Bring blocks of cells together by their "mean" or "max"; NaN only where all cells are."""
     values = np.asarray(values, float)
     if factor <= 1:
         return values
@@ -197,10 +189,7 @@ def draw_relief(ax: Axes, view: MapView) -> None:
 
 
 def map_axes(ax: Axes, extent: Extent, parts: int = 5) -> None:
-    """Set limits, ticks and labels of a map; coordinates in m, in km where the map is large.
-
-    ``parts`` is about the number of ticks along the longer side.
-    """
+    """Set limits, about ``parts`` ticks on the longer side, and labels of a map in m or km."""
     west, south, east, north = extent
     ax.set(xlim=(west, east), ylim=(south, north), aspect="equal")
     ax.grid(False)
@@ -228,10 +217,7 @@ def map_axes(ax: Axes, extent: Extent, parts: int = 5) -> None:
 
 
 def emptiest_corner(occupied: NDArray[np.bool_], width: float, height: float) -> tuple[bool, bool]:
-    """Return the corner (right, top) of a raster in which a box hides least of what is occupied.
-
-    Width and height of the box are shares of the raster; row 0 lies in the north.
-    """
+    """Return the corner (right, top) of a raster in which a box (as shares) hides least."""
     rows = max(1, int(np.ceil(occupied.shape[0] * min(1.0, height))))
     cols = max(1, int(np.ceil(occupied.shape[1] * min(1.0, width))))
 
@@ -245,10 +231,7 @@ def emptiest_corner(occupied: NDArray[np.bool_], width: float, height: float) ->
 
 
 def scale_bar(ax: Axes, box: Extent, taken: NDArray[np.bool_]) -> None:
-    """Draw a scale bar and a north arrow in the corner of a map that hides least.
-
-    ``taken`` says, in a raster over the box, where something is drawn.
-    """
+    """Draw scale bar and north arrow in the corner that hides least of what is ``taken``."""
     width = box[2] - box[0]
     power = 10.0 ** np.floor(np.log10(0.25 * width))
     metres = max(m * power for m in (1.0, 2.0, 5.0) if m * power <= 0.25 * width)

@@ -94,10 +94,7 @@ def new_figure(
 
 
 class Sheet:
-    """A figure that lays itself out, below its title and over its signs and its note.
-
-    The height is that of all between them (in).
-    """
+    """A figure that lays itself out, so high (in) between its title and its legends and note."""
 
     def __init__(
         self, title: str, note: str, height_in: float, *, compressed: bool = False
@@ -234,15 +231,7 @@ def nothing_to_show(ax: Axes, text: str = "no data", *, keep_x: bool = False) ->
 
 
 def spread(positions: Sequence[float] | FloatArray, widths: float | FloatArray) -> FloatArray:
-    """Shift labels along one axis, as little as possible, so that they do not overlap.
-
-    Parameters
-    ----------
-    positions : float, shape (n,)
-        Where the middles of the labels want to stand; their order along the axis is kept.
-    widths : float or float, shape (n,)
-        Room that each label takes, same unit.
-    """
+    """Shift labels of some width along an axis, as little as possible, so that none overlap."""
     wanted = np.asarray(positions, float)
     if not wanted.size:
         return wanted
