@@ -175,12 +175,6 @@ def test_a_damaged_tile_is_never_kept(
     assert not (tmp_path / "t" / tile).exists() and not list((tmp_path / "t").glob("*.part"))
 
 
-def test_a_tile_that_is_gone(fetch, refusal, server: StacServer, tmp_path: Path) -> None:
-    del server.files[name(1, 1)]
-    err = refusal(*fetch, "-o", tmp_path / "t")
-    assert "HTTP 404" in err and "of 3" in err
-
-
 def test_a_slow_answer(fetch, printed, refusal, server: StacServer, tmp_path: Path) -> None:
     server.slow[name(0, 0)] = 1.0
     assert "timed out" in refusal(*fetch, "-o", tmp_path / "t", "--timeout", "0.2")
@@ -207,6 +201,9 @@ def test_other_errors_are_one_line(fetch, refusal, server: StacServer, tmp_path:
         err = refusal(*fetch, *arguments)
         assert words in err, err
     assert not (tmp_path / "t").exists()
+    del server.files[name(1, 1)]
+    err = refusal(*fetch, "-o", tmp_path / "t")
+    assert "HTTP 404" in err and "of 3" in err
     server.page = 10**6
     server.items = []
     assert "offers no tile here" in refusal(*fetch)

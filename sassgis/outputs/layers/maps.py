@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,17 +18,11 @@ from sassgis.settings.styles import HILLSHADE
 from sassgis.simulation.map_sums import MapSums, Sample, band_values
 
 
-class Place(NamedTuple):
-    """Where values of single cells belong: their places in a map of ``shape`` (rows, columns)."""
-
-    cells: IntArray
-    shape: tuple[int, int]
-
-    def map_of(self, values: NDArray[Any]) -> NDArray[np.float32]:
-        """Return a map of the values, NaN elsewhere."""
-        out = np.full(self.shape[0] * self.shape[1], np.nan, np.float32)
-        out[self.cells] = values.astype(np.float32)
-        return out.reshape(self.shape)
+def on_grid(values: NDArray[Any], cells: IntArray, shape: tuple[int, int]) -> NDArray[np.float32]:
+    """Return a map of the values of single cells, NaN elsewhere."""
+    out = np.full(shape[0] * shape[1], np.nan, np.float32)
+    out[cells] = values.astype(np.float32)
+    return out.reshape(shape)
 
 
 def described_band(
@@ -108,14 +102,13 @@ def map_layers(
         ),
     }
     breaks = {"energy": (0.0, *energy_classes_kj)} if energy_classes_kj else {}
-    place = Place(sums.cells, shape)
     return tuple(
         RasterLayer(
             row.stem,
             row.title,
             phrase(row.note, **words),
             tuple(
-                Band(name, row.description(name), row.unit, place.map_of(values))
+                Band(name, row.description(name), row.unit, on_grid(values, sums.cells, shape))
                 for name, values in band_values(row, sums, sample, edges).items()
             ),
             breaks.get(row.quantity, row.breaks),

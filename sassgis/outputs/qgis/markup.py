@@ -5,7 +5,6 @@ from __future__ import annotations
 import html
 import math
 from functools import cache
-from typing import NamedTuple
 from xml.etree import ElementTree as ET
 
 import jinja2
@@ -102,18 +101,7 @@ def without_expressions(text: str) -> str:
     return text.replace("[%", "[\N{WORD JOINER}%")
 
 
-class _Shading(NamedTuple):
-    """The colours of a band of numbers: value, colour and label of each; QGIS takes <= value."""
-
-    steps: list[tuple[float, str, str]]
-    low: float
-    high: float
-    zero_is_clear: bool
-    stops: str
-    suffix: str
-
-
-def _shading(layer: RasterLayer) -> _Shading:
+def _shading(layer: RasterLayer) -> dict[str, object]:
     """Shade a map in the classes of its ``breaks``, or as a ramp over the data's range."""
     band = layer.bands[0]
     clear = zero_is_nothing(band.unit)
@@ -138,14 +126,15 @@ def _shading(layer: RasterLayer) -> _Shading:
     finite = [value for value in values if math.isfinite(value)]
     places = np.linspace(0.0, 1.0, len(colours))
     stops = [f"{p:.6g};{rgba(c)}" for p, c in zip(places, colours, strict=True)]
-    return _Shading(
-        list(zip(values, colours, labels, strict=True)),
-        min([low, *finite]),
-        max([high, *finite]),
-        clear,
-        ":".join(stops[1:-1]),
-        with_unit("", band.unit),
-    )
+    return {
+        # QGIS takes values up to each.
+        "steps": list(zip(values, colours, labels, strict=True)),
+        "low": min([low, *finite]),
+        "high": max([high, *finite]),
+        "zero_is_clear": clear,
+        "stops": ":".join(stops[1:-1]),
+        "suffix": with_unit("", band.unit),
+    }
 
 
 def _map_tip(layer: VectorLayer) -> str:

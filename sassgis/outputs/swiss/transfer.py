@@ -15,7 +15,7 @@ from dataclasses import dataclass
 from functools import partial
 from itertools import count, pairwise
 from pathlib import Path
-from typing import Any, NamedTuple, get_args
+from typing import Any, get_args
 from xml.sax.saxutils import escape
 
 import geopandas as gpd
@@ -53,15 +53,9 @@ from sassgis.outputs.swiss.validation import (
 from sassgis.settings.hazard_rules import Canton
 
 PACKAGE_NAME = "hazard.gpkg"
+#: An object of the file: its "tid", its "texts" by attribute, its "polygon".
+_Object = dict[str, Any]
 _NAMESPACE = uuid.UUID("0a5f4c7e-6f0b-5d0e-9b56-1b6d1c8c7d15")
-
-
-class XtfObject(NamedTuple):
-    """An object: its identifier, its texts by attribute, its zone."""
-
-    tid: str
-    texts: Mapping[str, str]
-    polygon: Any
 
 
 @dataclass(frozen=True, slots=True)
@@ -127,10 +121,10 @@ def export_xtf(
     return ExportResult(xtf, counts, None if models is None else validate_xtf(xtf, models))
 
 
-def _objects(file: Path, kind: FederalClass, canton: str | None) -> list[XtfObject]:
+def _objects(file: Path, kind: FederalClass, canton: str | None) -> list[_Object]:
     frame = _read_layer(file, kind)
     seen: dict[str, int] = {}
-    objects: list[XtfObject] = []
+    objects: list[_Object] = []
     if frame is None:
         return objects
     records = frame.drop(columns="geometry").to_dict("records")
@@ -147,7 +141,7 @@ def _objects(file: Path, kind: FederalClass, canton: str | None) -> list[XtfObje
             identity = uuid.uuid5(_NAMESPACE, f"{content}|{seen[content]}")
             # "<identifier of the canton>.<canton>.ch", as a name of XML: it begins with no digit.
             tid = f"_{identity}.{values[RESPONSIBILITY].lower()}.ch"
-            objects.append(XtfObject(tid, texts, polygon))
+            objects.append({"tid": tid, "texts": texts, "polygon": polygon})
     return objects
 
 
@@ -187,7 +181,7 @@ def _text(attribute: Attribute, value: Any) -> str:
     return str(value)
 
 
-def _document(objects: Mapping[str, Sequence[XtfObject]]) -> Iterator[str]:
+def _document(objects: Mapping[str, Sequence[_Object]]) -> Iterator[str]:
     """Yield the text of a transfer file, whose basket is named after its objects."""
     environment = jinja2.Environment(
         loader=jinja2.PackageLoader("sassgis", "data"),
@@ -196,7 +190,7 @@ def _document(objects: Mapping[str, Sequence[XtfObject]]) -> Iterator[str]:
         keep_trailing_newline=True,
     )
     environment.filters["xml"] = escape
-    tids = [item.tid for inside in objects.values() for item in inside]
+    tids = [item["tid"] for inside in objects.values() for item in inside]
     return environment.get_template("federal_model.xtf.j2").generate(
         xmlns=XTF_NAMESPACE,
         version=__version__,

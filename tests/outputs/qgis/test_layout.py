@@ -53,17 +53,11 @@ def test_the_scale_is_round_and_the_extent_fits(
     assert scale == 100.0 or max(width / frame_w, height / frame_h) > scale / 2000.0
 
 
-@pytest.mark.parametrize(
-    ("extent", "scale"),
-    [((0, 0, 1000, 500), 5000.0), ((0, 0, 1001, 500), 7500.0), ((0, 0, 0, 0), 100.0)],
-)
-def test_known_scales(extent: tuple[float, ...], scale: float) -> None:
-    assert round_scale(extent, 200.0, 200.0) == scale  # type: ignore[arg-type]
-
-
-@pytest.mark.parametrize(("longest", "length"), [(99.0, 50.0), (100.0, 100.0), (0.3, 0.2)])
-def test_round_lengths(longest: float, length: float) -> None:
-    assert round_length(longest) == pytest.approx(length)
+def test_known_scales_and_lengths() -> None:
+    for extent, scale in (((0, 0, 1000, 500), 5000.0), ((0, 0, 1001, 500), 7500.0)):
+        assert round_scale(extent, 200.0, 200.0) == scale
+    assert round_scale((0, 0, 0, 0), 200.0, 200.0) == 100.0
+    assert [round_length(v) for v in (99.0, 100.0, 0.3)] == pytest.approx([50.0, 100.0, 0.2])
 
 
 def shown() -> dict[str, LayerEntry]:
@@ -218,14 +212,10 @@ def test_the_printed_map_has_the_levels_where_they_are(
     grey = colour_at(picture, sheet["item"]["Map"], x, made_up.NORTH - 300, sheet["page"])
     assert np.ptp(grey) <= 2.0 and 60.0 < grey[0] < 240.0
     legend = sheet["item"]["Legend"]["box"]
-    rows, cols = picture.shape[:2]
-    part = picture[
-        int(legend[1] / sheet["page"][1] * rows) : int(
-            (legend[1] + legend[3]) / sheet["page"][1] * rows
-        ),
-        int(legend[0] / sheet["page"][0] * cols) : int((legend[0] + 9) / sheet["page"][0] * cols),
-        :3,
-    ].reshape(-1, 3)
+    per_mm = picture.shape[0] / sheet["page"][1]
+    left, top, _, height = legend
+    x0, x1, y0, y1 = (int(mm * per_mm) for mm in (left, left + 9, top, top + height))
+    part = picture[y0:y1, x0:x1, :3].reshape(-1, 3)
     for code, colour in levels.items():
         over_white = 1 - ZONE_OPACITY * (1 - np.array(list(bytes.fromhex(colour[1:]))) / 255.0)
         assert (np.abs(part - over_white).max(axis=1) < 0.02).sum() > 20, code

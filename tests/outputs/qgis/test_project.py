@@ -34,18 +34,11 @@ def at(x: float, y: float) -> str:
 
 #: Cells of the energy map whose class is known, away from lines and labels.
 PLACES = {
-    "high": at(460, 150),
-    "mean": at(440, 550),
-    "low": at(600, 660),
-    "limit 30": at(490, 205),
-    "below 30": at(490, 250),
-    "limit 300": at(490, 290),
-    "zero": at(490, 330),
-    "outside": at(900, 400),
-    "barrier": at(600, 500),
-    "lowest line": at(380, 530),
-    "highest line": at(620, 530),
-}
+    "high": at(460, 150), "mean": at(440, 550), "low": at(600, 660),
+    "limit 30": at(490, 205), "below 30": at(490, 250), "limit 300": at(490, 290),
+    "zero": at(490, 330), "outside": at(900, 400), "barrier": at(600, 500),
+    "lowest line": at(380, 530), "highest line": at(620, 530),
+}  # fmt: skip
 
 
 #: Middle of each band of levels, clear of the stripes' edges.
@@ -69,6 +62,7 @@ def seen(qgis: None, tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]
         more += ["--alone", f"{folder / 'result.gpkg'}|layername={name}"]
     report = probe(folder / "project.qgz", folder / "map.png", *more)
     report["files"] = sorted(file.name for file in folder.rglob("*"))
+    report["project"] = folder / "project.qgz"
     report["colour"] = {
         name: tuple(bytes.fromhex(report["at"][place][1:])) for name, place in PLACES.items()
     }
@@ -90,21 +84,14 @@ def test_the_project_opens_whole(seen: dict[str, Any]) -> None:
     assert len(seen["layers"]) == 17
     assert all(entry["valid"] for entry in seen["layers"])
     assert {entry["crs"] for entry in seen["layers"]} == {"EPSG:2056"}
-
-
-@pytest.mark.qgis
-def test_looking_leaves_no_files_behind(seen: dict[str, Any]) -> None:
+    # Looking leaves no files behind.
     assert not [name for name in seen["files"] if name.endswith((".aux.xml", "-wal", "-shm"))]
 
 
 @pytest.mark.qgis
 def test_the_legend_is_grouped(seen: dict[str, Any]) -> None:
-    assert [group["group"] for group in seen["tree"]] == [
-        "Fall lines and stops",
-        "Hazard",
-        "Maps",
-        "Terrain",
-    ]
+    groups = [group["group"] for group in seen["tree"]]
+    assert groups == ["Fall lines and stops", "Hazard", "Maps", "Terrain"]
     maps = seen["tree"][2]
     assert maps["exclusive"] is True
     assert maps["layers"] == [
@@ -144,17 +131,12 @@ def test_vectors_are_styled(seen: dict[str, Any]) -> None:
     assert stops["classes"][1]["colour"] == "#1b9e77"
     lines = layer(seen, "Fall lines: furthest rock (kJ)")
     assert lines["renderer"]["type"] == "graduatedSymbol"
-    assert [entry["label"] for entry in lines["renderer"]["classes"]] == [
-        "≥ 300 kJ",
-        "30 – 300 kJ",
-        "< 30 kJ",
-    ]
+    labels = [entry["label"] for entry in lines["renderer"]["classes"]]
+    assert labels == ["≥ 300 kJ", "30 – 300 kJ", "< 30 kJ"]
     assert lines["aliases"]["energy_kj"] == "Greatest energy (kJ)"
     assert layer(seen, "Barriers")["labels"] == "name"
-    assert layer(seen, "Residual (hatched)")["renderer"]["symbol_layers"] == [
-        "LinePatternFill",
-        "SimpleFill",
-    ]
+    signs = layer(seen, "Residual (hatched)")["renderer"]["symbol_layers"]
+    assert signs == ["LinePatternFill", "SimpleFill"]
     assert layer(seen, "Nothing here")["features"] == 0
 
 
@@ -195,21 +177,19 @@ def test_classes_have_their_names_and_colours(seen: dict[str, Any]) -> None:
     assert uncertain["symbol_layers"] == ["LinePatternFill", "SimpleFill"]
 
 
-@pytest.fixture(scope="session")
-def slope(qgis: None, tmp_path_factory: pytest.TempPathFactory) -> made_up.Made:
-    return made_up.make(tmp_path_factory.mktemp("slope"))
-
-
 @pytest.mark.qgis
 @pytest.mark.parametrize(
     ("name", "opacity"), [("Hazard level", ZONE_OPACITY), ("Hazard level on cells", RASTER_OPACITY)]
 )
 def test_levels_are_drawn_in_their_colours(
-    slope: made_up.Made, tmp_path: Path, name: str, opacity: float
+    seen: dict[str, Any], tmp_path: Path, name: str, opacity: float
 ) -> None:
     places = [word for place in LEVEL_PLACES.values() for word in ("--at", place)]
     unreached = at(350 * made_up.CELL, 200 * made_up.CELL)
-    report = probe(slope.project, tmp_path / "map.png", "--only", name, *places, "--at", unreached)
+    row = sum(made_up.RESIDUAL_ROWS) / 2
+    striped = [at((200 + step) * made_up.CELL, row * made_up.CELL) for step in range(100)]
+    more = [word for place in (unreached, *striped) for word in ("--at", place)]
+    report = probe(seen["project"], tmp_path / "map.png", "--only", name, *places, *more)
     assert not report["render_errors"]
     levels = {level.code: level.colour for level in made_up.preset().levels}
     for code, place in LEVEL_PLACES.items():
@@ -217,18 +197,11 @@ def test_levels_are_drawn_in_their_colours(
         wanted = [round(255 - opacity * (255 - part)) for part in bytes.fromhex(levels[code][1:])]
         assert close(tuple(bytes.fromhex(report["at"][place][1:])), tuple(wanted), 3), code
     assert report["at"][unreached] == "#ffffff"
-
-
-@pytest.mark.qgis
-def test_residual_is_striped_on_white(slope: made_up.Made, tmp_path: Path) -> None:
-    row = sum(made_up.RESIDUAL_ROWS) / 2
-    places = [at((200 + step) * made_up.CELL, row * made_up.CELL) for step in range(100)]
-    words = [word for place in places for word in ("--at", place)]
-    report = probe(slope.project, tmp_path / "map.png", "--only", "Hazard level", *words)
-    blue = np.array([bytes.fromhex(report["at"][place][1:])[2] for place in places])
-    stripe = 255 * (1 - ZONE_OPACITY)
-    assert blue.min() < stripe + 20 and blue.max() > 250
-    assert 0.2 < (blue < 180).mean() < 0.7
+    if name == "Hazard level":
+        # Residual hazard is striped on white.
+        blue = np.array([bytes.fromhex(report["at"][place][1:])[2] for place in striped])
+        assert blue.min() < 255 * (1 - ZONE_OPACITY) + 20 and blue.max() > 250
+        assert 0.2 < (blue < 180).mean() < 0.7
 
 
 def close(colour: tuple[int, ...], other: tuple[int, ...], tolerance: float) -> bool:
@@ -252,13 +225,9 @@ def test_the_picture_shows_the_classes(seen: dict[str, Any]) -> None:
     # What may shine through from the relief.
     tolerance = (1 - RASTER_OPACITY) * 255
     shown = {
-        "high": "≥ 300 kJ",
-        "mean": "30 – 300 kJ",
-        "low": "< 30 kJ",
-        "limit 30": "30 – 300 kJ",
-        "below 30": "< 30 kJ",
-        "limit 300": "≥ 300 kJ",
-    }
+        "high": "≥ 300 kJ", "mean": "30 – 300 kJ", "low": "< 30 kJ",
+        "limit 30": "30 – 300 kJ", "below 30": "< 30 kJ", "limit 300": "≥ 300 kJ",
+    }  # fmt: skip
     for place, label in shown.items():
         assert nearest(classes, colour[place]) == label, place
         assert close(colour[place], classes[label], tolerance), place
@@ -273,8 +242,6 @@ def test_the_picture_shows_the_classes(seen: dict[str, Any]) -> None:
     }
     assert close(colour["lowest line"], lines["< 30 kJ"], 3)
     assert close(colour["highest line"], lines["≥ 300 kJ"], 3)
-    assert seen["blank_share"] < 0.01
-    assert seen["colours"] > 100
 
 
 @pytest.mark.qgis
@@ -305,14 +272,11 @@ def test_paths_are_relative_and_the_crs_is_whole(tmp_path: Path) -> None:
     assert str(tmp_path) not in ET.tostring(root, "unicode")
     for wkt in root.iter("wkt"):
         assert wkt.text is not None and wkt.text.startswith("PROJCRS[")
-
-
-def test_of_a_compound_system_the_plane_part_is_taken(tmp_path: Path) -> None:
+    # Of a compound system the plane part is taken.
     path = write_project(
         tmp_path / "p.qgz", title="t", crs="EPSG:2056+5728", groups=[], extent=made_up.EXTENT
     )
-    authid = document(path).find("projectCrs/spatialrefsys/authid")
-    assert authid is not None and authid.text == "EPSG:2056"
+    assert document(path).findtext("projectCrs/spatialrefsys/authid") == "EPSG:2056"
 
 
 def test_equal_input_gives_equal_bytes(tmp_path: Path) -> None:
