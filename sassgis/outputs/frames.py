@@ -51,21 +51,6 @@ def passage_frame(rows: BlockRows, run: MapRun, planned: Plan) -> pd.DataFrame:
     return frame if run.followed else frame.drop(columns=list(_PLACE))
 
 
-def profile_rock_frame(result: ProfileResult, scenarios: Sequence[str]) -> pd.DataFrame:
-    """Return a row per block of a profile, fragments and entrained blocks included."""
-    scenario = np.concatenate([result.scenario, result.piece_scenario])
-    ended = np.concatenate([result.rocks, result.pieces])
-    return _columns(ended, np.array(scenarios)[scenario]).drop(columns="line")
-
-
-def profile_passage_frame(result: ProfileResult, scenarios: Sequence[str]) -> pd.DataFrame:
-    """Return a row per block and station or barrier of a profile."""
-    scenario = np.array(scenarios)[result.passage_scenario]
-    frame = _columns(result.passages, scenario).drop(columns=["line", *_PLACE])
-    _name_control_lines(frame, [line.name for line, _ in result.profile.control_lines])
-    return frame
-
-
 def same(*names: str) -> dict[str, str]:
     """Return columns that are called as the attributes that they hold."""
     return dict(zip(names, names, strict=True))
@@ -112,21 +97,24 @@ def profile_tables(result: ProfileResult, scenarios: Sequence[str]) -> ProfileTa
         pd.DataFrame({"path": k, "s_m": s, "z_m": z}) for k, (s, z) in enumerate(result.paths, 1)
     ]
     none = pd.DataFrame({"path": [], "s_m": [], "z_m": []})
+    ended = np.concatenate([result.rocks, result.pieces])
+    names, own = np.array(scenarios), np.concatenate([result.scenario, result.piece_scenario])
+    passages = _columns(result.passages, names[result.passage_scenario])
+    _name_control_lines(passages, [line.name for line, _ in result.profile.control_lines])
     return ProfileTables(
-        profile_rock_frame(result, scenarios),
-        profile_passage_frame(result, scenarios),
+        _columns(ended, names[own]).drop(columns="line"),
+        passages.drop(columns=["line", *_PLACE]),
         pd.DataFrame(along),
         pd.concat(paths, ignore_index=True) if paths else none,
     )
 
 
-def _columns(rows: NDArray[np.void], scenario: NDArray[np.str_] | None = None) -> pd.DataFrame:
+def _columns(rows: NDArray[np.void], scenario: NDArray[np.str_]) -> pd.DataFrame:
     frame = pd.DataFrame({name: rows[name] for name in rows.dtype.names or ()})
     for column, kind in (("reason", StopReason), ("outcome", Outcome)):
         if column in frame:
             frame[column] = [kind(int(own)).name.lower() for own in frame[column]]
-    if scenario is not None:
-        frame.insert(0, "scenario", scenario)
+    frame.insert(0, "scenario", scenario)
     return frame
 
 

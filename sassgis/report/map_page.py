@@ -241,12 +241,12 @@ def _cells(
     factor = 1
     while np.count_nonzero((rate > 0.0) | (of_blocks > 0.0)) > _CELLS * factor**2:
         factor += 1
-    cells = _strongest(rate + 1e-12 * of_blocks, shape, factor)
+    cells = strongest_cells(rate + 1e-12 * of_blocks, shape, factor)
 
     def column(stem: str, name: str, factor: float = 1.0) -> str:
-        return _packed(_logarithm(factor * _band(by_stem[stem], name, cells)))
+        return _packed(in_steps(factor * _band(by_stem[stem], name, cells)))
 
-    sources, shares = _shares(contributions, cells)
+    sources, shares = largest_shares(contributions, cells)
     return {
         "places": _packed(np.diff(_squares(cells, shape, factor), prepend=0).astype(np.uint32)),
         "count": int(cells.size),
@@ -288,7 +288,7 @@ def _squares(cells: IntArray, shape: tuple[int, int], factor: int) -> IntArray:
     return numbers
 
 
-def _strongest(strength: FloatArray, shape: tuple[int, int], factor: int) -> IntArray:
+def strongest_cells(strength: FloatArray, shape: tuple[int, int], factor: int) -> IntArray:
     """Return the cell of the largest strength of each square of so many cells that has any."""
     cells = np.flatnonzero(strength > 0.0)
     if factor == 1:
@@ -317,13 +317,13 @@ def _hazard(
 
     periods = [f"{years:g}" for years in hazard.preset.return_periods]
     return {
-        "rates": [_packed(_logarithm(column)) for column in rate.T],
+        "rates": [_packed(in_steps(column)) for column in rate.T],
         "level": _packed(band("hazard_level", "level").astype(np.uint16)),
         "lowest": _packed(band("confidence", "lowest_level").astype(np.uint16)),
         "highest": _packed(band("confidence", "highest_level").astype(np.uint16)),
-        "change": _packed(_logarithm(band("confidence", "change_chance"))),
+        "change": _packed(in_steps(band("confidence", "change_chance"))),
         "energies": [
-            [years, _packed(_logarithm(band("energy_at_return_period", f"e{years}")))]
+            [years, _packed(in_steps(band("energy_at_return_period", f"e{years}")))]
             for years in periods
         ],
     }
@@ -353,7 +353,7 @@ def _curve_facts(hazard: MapHazard | None) -> dict[str, Any] | None:
     }  # fmt: skip
 
 
-def _shares(
+def largest_shares(
     contributions: Sequence[Contribution], cells: IntArray
 ) -> tuple[NDArray[np.uint16], NDArray[np.uint16]]:
     """Return the sources that most comes from at each cell, and their shares in thousandths."""
@@ -386,7 +386,7 @@ def _shares(
     return which, shares.astype(np.uint16)
 
 
-def _logarithm(values: FloatArray) -> NDArray[np.uint16]:
+def in_steps(values: FloatArray) -> NDArray[np.uint16]:
     """Return values as steps of their logarithm; 0 for what is not above 0."""
     above = values > 0.0
     power = np.log10(np.where(above, values, 1.0)) - _LEAST

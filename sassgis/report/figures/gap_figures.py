@@ -150,14 +150,6 @@ def _draw_stretches(
     )
 
 
-def _row_label(finding: GapFinding, rows: Sequence[GapFinding]) -> str:
-    """Label in the language of the figure: labels of an axis are set anew when it is drawn."""
-    place = place_name(finding.place.replace("_", " "))
-    same = [f for f in rows if (f.place, f.phase) == (finding.place, finding.phase)]
-    phase = tested_by(finding.test) if len(same) > 1 else phrase(finding.phase)
-    return translated(phrase("{} · {}", place, phase) if phase else place)
-
-
 def _chosen_rows(findings: Sequence[GapFinding]) -> dict[tuple[str, str], list[GapFinding]]:
     """Return the most certain rows by quantity and unit, from the release down."""
     groups: dict[tuple[str, str], list[GapFinding]] = {}
@@ -238,7 +230,14 @@ def _draw_gaps(ax: Axes, rows: Sequence[GapFinding]) -> None:
             ax, str(finding.rocks), (1.0, i), (6.0, 0.0), color=GREY, va="center",
             xycoords=("axes fraction", "data"), annotation_clip=False,
         )  # fmt: skip
-    ax.set_yticks(range(len(rows)), [_row_label(f, rows) for f in rows])
+    labels = []
+    for finding in rows:
+        place = place_name(finding.place.replace("_", " "))
+        same = [f for f in rows if (f.place, f.phase) == (finding.place, finding.phase)]
+        phase = tested_by(finding.test) if len(same) > 1 else phrase(finding.phase)
+        # In the language of the figure: labels of an axis are set anew when it is drawn.
+        labels.append(translated(phrase("{} · {}", place, phase) if phase else place))
+    ax.set_yticks(range(len(rows)), labels)
     for label, finding in zip(ax.get_yticklabels(), rows, strict=True):
         label.set_fontweight("bold" if significance(finding) == "sure" else "normal")
     _rows_only(ax, len(rows), 0.6)
@@ -250,8 +249,7 @@ def _draw_gaps(ax: Axes, rows: Sequence[GapFinding]) -> None:
 
 
 def _known(values: Sequence[float]) -> FloatArray:
-    array = np.asarray(values, float)
-    return np.asarray(array[np.isfinite(array)])
+    return np.asarray([v for v in values if math.isfinite(v)], float)
 
 
 def _steps(values: FloatArray) -> tuple[FloatArray, FloatArray]:

@@ -186,19 +186,17 @@ def finish(sheet: Sheet, axes: Sequence[Axes], marks: MapMarks, view: MapView) -
     dpi = sheet.figure.dpi
     # Labels and signs beyond the edges of the maps.
     rows = {round(ax.get_window_extent().y0): ax for ax in axes}
-    heights = [_with_labels(ax) for ax in rows.values()]
+    bars = [ax for ax in sheet.figure.axes if ax.get_label() == "legend"]
+    heights = []
+    for ax in rows.values():
+        top, *below = filter(None, (own.get_tightbbox() for own in (ax, *bars)))
+        heights.append(float(top.y1 - min(box.y0 for box in (top, *below))))
     sheet.set_height((sum(heights) + 8.0 * len(heights)) / dpi)
     sheet.figure.draw_without_rendering()
     for ax in axes:
         width_pt = 72.0 * ax.get_window_extent().width / dpi
         marks.write_names(ax, view.box, width_pt / view.width_m)
     return sheet.figure
-
-
-def _with_labels(ax: Axes) -> float:
-    bars = [other for other in ax.figure.axes if other.get_label() == "legend"]
-    boxes = [box for own in (ax, *bars) if (box := own.get_tightbbox()) is not None]
-    return float(max(box.y1 for box in boxes[:1]) - min(box.y0 for box in boxes))
 
 
 def _draw_values(ax: Axes, panel: MapPanel, view: MapView) -> None:
@@ -212,19 +210,18 @@ def _draw_values(ax: Axes, panel: MapPanel, view: MapView) -> None:
     )  # fmt: skip
     cell = (east - west) / values.shape[1]
     place = Affine(cell, 0.0, west, 0.0, -cell, north)
+
+    def outline(cells: NDArray[np.bool_], **how: Any) -> None:
+        found = rasterio.features.shapes(cells.astype(np.uint8), mask=cells, transform=place)
+        draw_areas(ax, [shapely.geometry.shape(part) for part, _ in found], **how)
+
     for k, entry in enumerate(panel.classes):
         if entry.hatched:
             how: dict[str, Any] = {"hatch": "////", "fc": "none", "ec": entry.colour, "lw": 0.0}
-            draw_areas(ax, areas_of(values == k, place), alpha=panel.alpha, gid="stripes", **how)
+            outline(values == k, alpha=panel.alpha, gid="stripes", **how)
     if panel.over is not None:
         over, _ = view.coarse(view.cut(panel.over.astype(float)), "max")
-        draw_areas(ax, areas_of(over > 0.0, place), gid="uncertain", **_FALLING)
-
-
-def areas_of(cells: NDArray[np.bool_], place: Affine) -> list[shapely.Geometry]:
-    """Return the outlines of the cells that are true."""
-    found = rasterio.features.shapes(cells.astype(np.uint8), mask=cells, transform=place)
-    return [shapely.geometry.shape(outline) for outline, _ in found]
+        outline(over > 0.0, gid="uncertain", **_FALLING)
 
 
 def colour_bar(axes: Sequence[Axes], panel: MapPanel, words: str, **how: Any) -> None:
@@ -281,7 +278,7 @@ def coarse_note(view: MapView, what: str) -> str:
     return phrase("One dot stands for {} × {} cells and shows the {} of them.", n, n, phrase(what))
 
 
-def legend_beside(ax: Axes, signs: Sequence[Patch], heading: str = "") -> None:
+def legend_beside(ax: Axes, signs: Sequence[Patch], heading: str) -> None:
     """Draw the signs of classes right of a map."""
     ax.legend(
         handles=signs, loc="upper left", bbox_to_anchor=(1.0, 1.0), borderaxespad=0.6,

@@ -6,11 +6,12 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
+import xarray as xr
 from matplotlib.axes import Axes
 from matplotlib.font_manager import FontProperties
 from matplotlib.offsetbox import AnchoredOffsetbox, AuxTransformBox, HPacker, TextArea, VPacker
 from matplotlib.patches import Rectangle
-from matplotlib.ticker import FuncFormatter, MultipleLocator
+from matplotlib.ticker import MultipleLocator
 from numpy.typing import NDArray
 
 from sassgis.grid import FloatArray, Grid
@@ -50,12 +51,8 @@ def footprint(grid: Grid, values: FloatArray | None, others: FloatArray) -> Exte
         if lack > 0.0:
             box[low] -= lack / 2.0
             box[high] += lack / 2.0
-    return (
-        float(max(box[0], west)),
-        float(max(box[1], south)),
-        float(min(box[2], east)),
-        float(min(box[3], north)),
-    )
+    low, high = np.maximum(box[:2], (west, south)), np.minimum(box[2:], (east, north))
+    return float(low[0]), float(low[1]), float(high[0]), float(high[1])
 
 
 @dataclass(frozen=True, slots=True)
@@ -98,9 +95,7 @@ class MapView:
         drawn = coarsen(values, self.factor, how)
         step = self.grid.cell_size * self.factor
         west, north = self.grid.west, self.grid.north
-        return drawn, (
-            west, north - drawn.shape[0] * step, west + drawn.shape[1] * step, north,
-        )  # fmt: skip
+        return drawn, (west, north - len(drawn) * step, west + drawn.shape[1] * step, north)
 
 
 def view_of(grid: Grid, box: Extent) -> MapView:
@@ -117,20 +112,11 @@ def view_of(grid: Grid, box: Extent) -> MapView:
 
 def coarsen(values: FloatArray, factor: int, how: str) -> FloatArray:
     """Bring blocks of cells together by their "mean" or "max"; NaN only where all cells are."""
-    values = np.asarray(values, float)
     if factor <= 1:
-        return values
-    rows = -(-values.shape[0] // factor)
-    cols = -(-values.shape[1] // factor)
-    padded = np.full((rows * factor, cols * factor), np.nan)
-    padded[: values.shape[0], : values.shape[1]] = values
-    blocks = padded.reshape(rows, factor, cols, factor).swapaxes(1, 2).reshape(rows, cols, -1)
-    if how == "max":
-        return np.asarray(np.fmax.reduce(blocks, -1))
-    # A block without any value is what nodata is.
-    known = ~np.isnan(blocks)
-    number, total = known.sum(-1), np.where(known, blocks, 0.0).sum(-1)
-    return np.asarray(np.where(number > 0, total / np.maximum(number, 1), np.nan))
+        return np.asarray(values, float)
+    blocks = xr.DataArray(np.asarray(values, float), dims=("y", "x"))
+    coarser = blocks.coarsen(y=factor, x=factor, boundary="pad")
+    return np.asarray(coarser.max() if how == "max" else coarser.mean())
 
 
 def _slope(z: FloatArray, axis: int, cell_size: float) -> FloatArray:
@@ -154,19 +140,16 @@ def hillshade(grid: Grid) -> FloatArray:
     z = np.asarray(grid.values, float)
     if min(z.shape) < 2:
         return np.where(np.isfinite(z), 0.7, np.nan)
-    east = _slope(z, 1, grid.cell_size)
-    north = -_slope(z, 0, grid.cell_size)
+    east, north = _slope(z, 1, grid.cell_size), -_slope(z, 0, grid.cell_size)
     steepness = np.arctan(np.hypot(east, north))
     aspect = np.arctan2(-east, -north)
     altitude = np.radians(45.0)
-    total = np.zeros_like(z)
-    weights = np.zeros_like(z)
+    total, weights = np.zeros_like(z), np.zeros_like(z)
     for azimuth in np.radians([225.0, 270.0, 315.0, 360.0]):
         # The small constant keeps flat ground, which has no side, evenly lit.
         weight = np.sin(aspect - azimuth) ** 2 + 1e-3
-        light = np.sin(altitude) * np.cos(steepness) + np.cos(altitude) * np.sin(
-            steepness
-        ) * np.cos(aspect - azimuth)
+        light = np.sin(altitude) * np.cos(steepness)
+        light += np.cos(altitude) * np.sin(steepness) * np.cos(aspect - azimuth)
         total += weight * np.clip(light, 0.0, 1.0)
         weights += weight
     return np.where(np.isfinite(z), total / weights, np.nan)
@@ -202,10 +185,8 @@ def map_axes(ax: Axes, extent: Extent, parts: int = 5) -> None:
         low, high = begin + 0.05 * (end - begin), end - 0.05 * (end - begin)
         axis.set_major_locator(MultipleLocator(step))
         axis.set_major_formatter(
-            FuncFormatter(
-                lambda value, _, low=low, high=high: (
-                    thousands(value / scale, decimals) if low <= value <= high else ""
-                )
+            lambda value, _, low=low, high=high: (
+                thousands(value / scale, decimals) if low <= value <= high else ""
             )
         )
     unit = "km" if in_km else "m"
@@ -218,8 +199,10 @@ def map_axes(ax: Axes, extent: Extent, parts: int = 5) -> None:
 
 def emptiest_corner(occupied: NDArray[np.bool_], width: float, height: float) -> tuple[bool, bool]:
     """Return the corner (right, top) of a raster in which a box (as shares) hides least."""
-    rows = max(1, int(np.ceil(occupied.shape[0] * min(1.0, height))))
-    cols = max(1, int(np.ceil(occupied.shape[1] * min(1.0, width))))
+    shares = (min(1.0, height), min(1.0, width))
+    rows, cols = (
+        max(1, int(np.ceil(n * share))) for n, share in zip(occupied.shape, shares, strict=True)
+    )
 
     def hidden(corner: tuple[bool, bool]) -> int:
         right, top = corner
