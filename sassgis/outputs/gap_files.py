@@ -20,15 +20,7 @@ from sassgis.inputs.ground_map import read_ground_table
 from sassgis.inputs.in_memory import classes_frame
 from sassgis.outputs.config_template import written_document
 from sassgis.outputs.geopackage import write_geopackage
-from sassgis.outputs.layers.gap_map import (
-    fall_line_layer,
-    gap_points,
-    gap_stretches,
-    impact_layer,
-    stand_layer,
-    station_layer,
-    stop_layer,
-)
+from sassgis.outputs.layers import gap_map
 from sassgis.outputs.manifest import plain
 from sassgis.settings.ground import PARAMETERS, GroundClass, GroundTable
 from sassgis.settings.run_config import Config
@@ -63,13 +55,13 @@ def write_gap_gpkg(path: Path, case: Case, diagnosis: Diagnosis) -> None:
         "settings_hash": diagnosis.settings_hash,
     }
     layers = [
-        gap_points(case, diagnosis),
-        gap_stretches(case, diagnosis),
-        station_layer(case),
-        fall_line_layer(case),
-        stop_layer(case, diagnosis),
-        impact_layer(case),
-        stand_layer(case, diagnosis.effect),
+        gap_map.gap_points(case, diagnosis),
+        gap_map.gap_stretches(case, diagnosis),
+        gap_map.station_layer(case),
+        gap_map.fall_line_layer(case),
+        gap_map.stop_layer(case, diagnosis),
+        gap_map.impact_layer(case),
+        gap_map.stand_layer(case, diagnosis.effect),
     ]
     write_geopackage(path, [own for own in layers if own is not None], metadata)
 
@@ -96,7 +88,7 @@ def write_config_back(path: Path, config: Config, diagnosis: Diagnosis, case: Ca
             stands = {k: v for k, v in given.items() if k in known}
             own = {**stands, **own}
         effects[family] = own
-    stand = stand_layer(case, calibrated)
+    stand = gap_map.stand_layer(case, calibrated)
     if stand is not None:
         write_geopackage(path.parent / FOREST_NAME, [stand])
         trees = effects.setdefault("trees", {})

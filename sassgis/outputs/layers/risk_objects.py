@@ -11,15 +11,8 @@ import pandas as pd
 import shapely
 
 from sassgis.files.vector_layer import VectorLayer, described_layer
+from sassgis.hazard import risk
 from sassgis.hazard.object_values import ObjectEstimate, ObjectValues
-from sassgis.hazard.risk import (
-    ADDITIVE,
-    QUANTITIES,
-    RiskTable,
-    object_rows,
-    source_rows,
-    total_rows,
-)
 from sassgis.settings.exposure import PlacedObjects
 from sassgis.settings.labels import rounded
 from sassgis.settings.languages import phrase
@@ -83,7 +76,7 @@ def exposed_layers(placed: PlacedObjects, crs: str) -> list[VectorLayer]:
 
 
 def risk_frames(
-    table: RiskTable, currency: str, values: ObjectValues | None = None
+    table: risk.RiskTable, currency: str, values: ObjectValues | None = None
 ) -> dict[str, pd.DataFrame]:
     """Return the tables of a run by the stem of their files; the currency is a separate column.
 
@@ -93,19 +86,19 @@ def risk_frames(
     """
     hits = [f"hits_{code}" for code in table.intensities]
     who = ["name", "kind", "part_of"]
-    per_year = _with_errors([*hits, *QUANTITIES])
+    per_year = _with_errors([*hits, *risk.QUANTITIES])
     objects = [*who, "from_m", "length_m", "value", "value_per_m", "persons", "presence"]
     objects += ["traffic_per_day", *per_year, "hits_of_one_rock_per_year"]
     sources = [*who, "area", "scenario", *(f"{name}_per_year" for name in hits)]
-    sources += [*_with_errors(QUANTITIES), "share_of_loss", "share_of_deaths"]
+    sources += [*_with_errors(risk.QUANTITIES), "share_of_loss", "share_of_deaths"]
     totals = ["scope", "name", "objects"]
-    for q in ADDITIVE:
+    for q in risk.ADDITIVE:
         totals += [f"{q}_per_year", f"{q}_per_year_se", f"{q}_per_year_se_apart"]
     totals.append("individual_risk_largest_per_year")
     frames = {
-        "risk_objects": pd.DataFrame(object_rows(table), columns=objects),
-        "risk_sources": pd.DataFrame(source_rows(table), columns=sources),
-        "risk_total": pd.DataFrame(total_rows(table), columns=totals),
+        "risk_objects": pd.DataFrame(risk.object_rows(table), columns=objects),
+        "risk_sources": pd.DataFrame(risk.source_rows(table), columns=sources),
+        "risk_total": pd.DataFrame(risk.total_rows(table), columns=totals),
     }
     for name, estimate in value_columns(values).items():
         for limit, own in estimate.columns(name).items():
@@ -127,8 +120,8 @@ def value_columns(values: ObjectValues | None) -> dict[str, ObjectEstimate]:
 
 
 def risk_tables(
-    table: RiskTable,
-    without: RiskTable | None,
+    table: risk.RiskTable,
+    without: risk.RiskTable | None,
     currency: str,
     values: tuple[ObjectValues | None, ObjectValues | None] = (None, None),
 ) -> dict[str, pd.DataFrame]:
@@ -145,7 +138,7 @@ def _with_errors(quantities: Sequence[str]) -> list[str]:
 
 
 def risk_vectors(
-    table: RiskTable,
+    table: risk.RiskTable,
     placed: PlacedObjects,
     crs: str,
     currency: str,
@@ -183,14 +176,14 @@ def _words(quantity: str, currency: str) -> FieldInfo:
     return FieldInfo(alias, phrase(unit, currency), text)
 
 
-def _fields(table: RiskTable, currency: str) -> dict[str, FieldInfo]:
+def _fields(table: risk.RiskTable, currency: str) -> dict[str, FieldInfo]:
     """Describe the columns of numbers per year."""
     fields = {}
     described = {
         f"hits_{c}": FieldInfo(phrase("hits of intensity {}", c), "1/year")
         for c in table.intensities
     }
-    described |= {q: _words(q, currency) for q in QUANTITIES}
+    described |= {q: _words(q, currency) for q in risk.QUANTITIES}
     for name, info in described.items():
         fields[f"{name}_per_year"] = info
         error = phrase("{}, standard error", phrase(info.alias))

@@ -13,19 +13,8 @@ from markupsafe import Markup, escape
 
 from sassgis.files.plain_file import NO_XML
 from sassgis.files.vector_layer import VectorLayer
+from sassgis.settings import styles
 from sassgis.settings.results import RasterLayer
-from sassgis.settings.styles import (
-    RASTER_OPACITY,
-    class_colours,
-    class_labels,
-    class_limits,
-    class_name,
-    class_tint,
-    ramp_colours,
-    rgb,
-    with_unit,
-    zero_is_nothing,
-)
 
 QGIS_VERSION = "3.22.0"
 #: Columns that the tip of a feature shows.
@@ -69,11 +58,11 @@ def _environment() -> jinja2.Environment:
     )
     environment.filters |= {
         "rgba": rgba, "digits": number, "g": lambda value: f"{value:g}",
-        "class_tint": class_tint, "class_name": class_name,
+        "class_tint": styles.class_tint, "class_name": styles.class_name,
     }  # fmt: skip
     environment.tests["raster"] = lambda content: isinstance(content, RasterLayer)
     environment.globals |= {
-        "version": QGIS_VERSION, "opacity": RASTER_OPACITY,
+        "version": QGIS_VERSION, "opacity": styles.RASTER_OPACITY,
         "shading": _shading, "map_tip": _map_tip,
     }  # fmt: skip
     return environment
@@ -88,7 +77,7 @@ def _escaped(value: object) -> Markup:
 
 def rgba(colour: str, opacity: float = 1.0) -> str:
     """Return a colour ``#rrggbb`` as QGIS writes it: red, green, blue and opacity, 0 to 255."""
-    return ",".join(map(str, (*rgb(colour), round(255 * opacity))))
+    return ",".join(map(str, (*styles.rgb(colour), round(255 * opacity))))
 
 
 def number(value: float) -> str:
@@ -104,7 +93,7 @@ def without_expressions(text: str) -> str:
 def _shading(layer: RasterLayer) -> dict[str, object]:
     """Shade a map in the classes of its ``breaks``, or as a ramp over the data's range."""
     band = layer.bands[0]
-    clear = zero_is_nothing(band.unit)
+    clear = styles.zero_is_nothing(band.unit)
     shown = band.values[np.isfinite(band.values)]
     shown = shown[shown != 0] if clear else shown
     low, high = (float(shown.min()), float(shown.max())) if shown.size else (0.0, 1.0)
@@ -115,14 +104,14 @@ def _shading(layer: RasterLayer) -> dict[str, object]:
         # is the largest value that a cell below the limit can have.
         values = [
             float(np.nextafter(np.float32(upper), np.float32(-np.inf))) if upper < np.inf else upper
-            for _, upper in class_limits(layer.breaks)
+            for _, upper in styles.class_limits(layer.breaks)
         ]
-        colours = class_colours(layer.breaks, layer.ramp)
-        labels = class_labels(layer.breaks, band.unit)
+        colours = styles.class_colours(layer.breaks, layer.ramp)
+        labels = styles.class_labels(layer.breaks, band.unit)
     else:
         values = np.linspace(low, high, _RAMP_STEPS).tolist()
-        colours = ramp_colours(layer.ramp, _RAMP_STEPS)
-        labels = [with_unit(f"{value:.3g}", band.unit) for value in values]
+        colours = styles.ramp_colours(layer.ramp, _RAMP_STEPS)
+        labels = [styles.with_unit(f"{value:.3g}", band.unit) for value in values]
     finite = [value for value in values if math.isfinite(value)]
     places = np.linspace(0.0, 1.0, len(colours))
     stops = [f"{p:.6g};{rgba(c)}" for p, c in zip(places, colours, strict=True)]
@@ -133,7 +122,7 @@ def _shading(layer: RasterLayer) -> dict[str, object]:
         "high": max([high, *finite]),
         "zero_is_clear": clear,
         "stops": ":".join(stops[1:-1]),
-        "suffix": with_unit("", band.unit),
+        "suffix": styles.with_unit("", band.unit),
     }
 
 

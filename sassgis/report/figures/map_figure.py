@@ -24,31 +24,7 @@ from matplotlib.ticker import FuncFormatter
 from numpy.typing import NDArray
 
 from sassgis.grid import FloatArray, Grid
-from sassgis.report.figures.map_marks import (
-    LAYER_ALPHA,
-    MapMarks,
-    all_points,
-    draw_areas,
-    fill_of,
-)
-from sassgis.report.figures.relief import (
-    MapView,
-    draw_relief,
-    footprint,
-    map_axes,
-    scale_bar,
-    view_of,
-)
-from sassgis.report.figures.style import (
-    GREY,
-    SMALL,
-    TEXT,
-    WIDTH_IN,
-    Sheet,
-    halo,
-    house_style,
-    wrap,
-)
+from sassgis.report.figures import map_marks, relief, style
 from sassgis.settings.labels import thousands
 from sassgis.settings.languages import joined, phrase
 from sassgis.settings.results import Band, RasterClass, RasterLayer
@@ -94,7 +70,7 @@ class MapPanel:
     title: str = ""
     classes: Sequence[RasterClass] = ()  # in the order of their positions
     over: NDArray[np.bool_] | None = None  # cells with fine black lines over them
-    alpha: float = LAYER_ALPHA
+    alpha: float = map_marks.LAYER_ALPHA
     together: str = "max"  # what a dot for several cells shows: "max" or "mean"
 
 
@@ -103,7 +79,7 @@ def class_panel(
 ) -> MapPanel:
     """Return a map of classes; values that are none stay clear."""
     ordered = sorted(classes, key=lambda entry: entry.value)
-    colours = ListedColormap([fill_of(c) for c in ordered])
+    colours = ListedColormap([map_marks.fill_of(c) for c in ordered])
     norm = BoundaryNorm(np.arange(len(ordered) + 1) - 0.5, len(ordered))
     return MapPanel(class_positions(values, classes), colours, norm, title, ordered, **more)
 
@@ -112,12 +88,17 @@ def class_signs(classes: Sequence[RasterClass], over: str = "") -> list[Patch]:
     """Return signs of a legend, the highest value first; ``over`` is the name of fine lines."""
     signs = []
     for entry in sorted(classes, key=lambda entry: -entry.value):
-        how: dict[str, Any] = {"fc": fill_of(entry), "lw": 0.6, "alpha": LAYER_ALPHA, "ec": GREY}
+        how: dict[str, Any] = {
+            "fc": map_marks.fill_of(entry),
+            "lw": 0.6,
+            "alpha": map_marks.LAYER_ALPHA,
+            "ec": style.GREY,
+        }
         if entry.hatched:
             how |= {"hatch": "////", "ec": entry.colour}
-        signs.append(Patch(label=wrap(entry.label, 1.6), **how))
+        signs.append(Patch(label=style.wrap(entry.label, 1.6), **how))
     if over:
-        signs.append(Patch(label=wrap(over, 1.6), **_FALLING))
+        signs.append(Patch(label=style.wrap(over, 1.6), **_FALLING))
     return signs
 
 
@@ -135,52 +116,56 @@ def columns_of(panels: int, aspect: float, width_in: float, height_in: float) ->
 
 
 def draw_maps(
-    view: MapView,
+    view: relief.MapView,
     panels: Sequence[MapPanel],
-    marks: MapMarks,
+    marks: map_marks.MapMarks,
     title: str,
     notes: Sequence[str],
     *,
     columns: int = 0,
     taken: NDArray[np.bool_] | None = None,
     more: Callable[[Axes], None] | None = None,
-) -> tuple[Sheet, list[Axes]]:
+) -> tuple[style.Sheet, list[Axes]]:
     """Draw maps of one extent side by side; ``more`` draws what is neither value nor mark.
 
     Maps have as many columns as make them largest. ``taken`` says, in a raster over the view,
     where something is drawn if it is not where the panels have values.
     """
     n = len(panels)
-    columns = columns or columns_of(n, view.aspect, WIDTH_IN - 0.8, _MAX_HEIGHT_IN)
+    columns = columns or columns_of(n, view.aspect, style.WIDTH_IN - 0.8, _MAX_HEIGHT_IN)
     rows = -(-n // columns)
-    sheet = Sheet(title, joined("\n", filter(None, notes)), _MAX_HEIGHT_IN + 0.6, compressed=True)
+    sheet = style.Sheet(
+        title, joined("\n", filter(None, notes)), _MAX_HEIGHT_IN + 0.6, compressed=True
+    )
     grid = sheet.figure.subplots(rows, columns, sharex=True, sharey=True, squeeze=False)
     axes: list[Axes] = list(grid.flat[:n])
     for ax in grid.flat[n:]:
         ax.remove()
     for number, (ax, panel) in enumerate(zip(axes, panels, strict=True)):
         ax.set_label("map")
-        draw_relief(ax, view)
+        relief.draw_relief(ax, view)
         _draw_values(ax, panel, view)
         if more is not None:
             more(ax)
         marks.draw(ax, view.box)
-        map_axes(ax, view.box, {1: 5, 2: 3}.get(columns, 2))
+        relief.map_axes(ax, view.box, {1: 5, 2: 3}.get(columns, 2))
         # Coordinates only left of the first column and below the last map of each.
         ax.tick_params(labelleft=not number % columns, labelbottom=number + columns >= n)
         if number % columns:
             ax.set_ylabel("")
         if number + columns < n:
             ax.set_xlabel("")
-        ax.set_title(panel.title, size=TEXT, pad=3.0)
+        ax.set_title(panel.title, size=style.TEXT, pad=3.0)
     if taken is None:
         known = [np.isfinite(view.cut(p.values)) for p in panels if p.values is not None]
         taken = np.any(known, axis=0) if known else np.zeros((1, 1), bool)
-    scale_bar(axes[0], view.box, taken)
+    relief.scale_bar(axes[0], view.box, taken)
     return sheet, axes
 
 
-def finish(sheet: Sheet, axes: Sequence[Axes], marks: MapMarks, view: MapView) -> Figure:
+def finish(
+    sheet: style.Sheet, axes: Sequence[Axes], marks: map_marks.MapMarks, view: relief.MapView
+) -> Figure:
     """Make the figure as high as its maps, whose legends are drawn, and write the names."""
     sheet.figure.draw_without_rendering()
     dpi = sheet.figure.dpi
@@ -199,7 +184,7 @@ def finish(sheet: Sheet, axes: Sequence[Axes], marks: MapMarks, view: MapView) -
     return sheet.figure
 
 
-def _draw_values(ax: Axes, panel: MapPanel, view: MapView) -> None:
+def _draw_values(ax: Axes, panel: MapPanel, view: relief.MapView) -> None:
     if panel.values is None:
         return
     values, (west, south, east, north) = view.coarse(view.cut(panel.values), panel.together)
@@ -213,7 +198,7 @@ def _draw_values(ax: Axes, panel: MapPanel, view: MapView) -> None:
 
     def outline(cells: NDArray[np.bool_], **how: Any) -> None:
         found = rasterio.features.shapes(cells.astype(np.uint8), mask=cells, transform=place)
-        draw_areas(ax, [shapely.geometry.shape(part) for part, _ in found], **how)
+        map_marks.draw_areas(ax, [shapely.geometry.shape(part) for part, _ in found], **how)
 
     for k, entry in enumerate(panel.classes):
         if entry.hatched:
@@ -234,9 +219,9 @@ def colour_bar(axes: Sequence[Axes], panel: MapPanel, words: str, **how: Any) ->
     bar = figure.colorbar(colours, ax=list(axes), **look)
     bar.outline.set_linewidth(0.5)
     bar.ax.set_label("legend")
-    bar.ax.tick_params(labelsize=SMALL)
+    bar.ax.tick_params(labelsize=style.SMALL)
     bar.ax.grid(False)
-    bar.set_label(words, size=SMALL)
+    bar.set_label(words, size=style.SMALL)
 
 
 # --- a layer ---------------------------------------------------------------------------------
@@ -270,7 +255,7 @@ def _layer_panel(layer: RasterLayer) -> tuple[MapPanel, FloatArray]:
     return MapPanel(values, mpl.colormaps[layer.ramp or "viridis"], norm), values
 
 
-def coarse_note(view: MapView, what: str) -> str:
+def coarse_note(view: relief.MapView, what: str) -> str:
     """Say what a dot of a large map shows; nothing where each cell has its own."""
     if view.factor == 1:
         return ""
@@ -282,20 +267,26 @@ def legend_beside(ax: Axes, signs: Sequence[Patch], heading: str) -> None:
     """Draw the signs of classes right of a map."""
     ax.legend(
         handles=signs, loc="upper left", bbox_to_anchor=(1.0, 1.0), borderaxespad=0.6,
-        title=heading or None, title_fontsize=SMALL, alignment="left", handlelength=2.4,
+        title=heading or None, title_fontsize=style.SMALL, alignment="left", handlelength=2.4,
         handleheight=1.4, labelspacing=0.7,
     )  # fmt: skip
 
 
-@house_style()
+@style.house_style()
 def map_figure(
-    grid: Grid, layer: RasterLayer, marks: MapMarks | None = None, *, note: str | None = None
+    grid: Grid,
+    layer: RasterLayer,
+    marks: map_marks.MapMarks | None = None,
+    *,
+    note: str | None = None,
 ) -> Figure:
     """Draw the first band of a layer over the relief, with its note or another below."""
-    marks = marks or MapMarks()
+    marks = marks or map_marks.MapMarks()
     panel, values = _layer_panel(layer)
     corners = [shapely.get_coordinates(shapely.box(*p.bounds)) for p, _ in marks.zones]
-    view = view_of(grid, footprint(grid, values, all_points([*marks.release, *corners])))
+    view = relief.view_of(
+        grid, relief.footprint(grid, values, map_marks.all_points([*marks.release, *corners]))
+    )
     kind = "highest class" if layer.classes else "largest value"
     notes = [
         layer.note if note is None else note, marks.left_out(),
@@ -308,7 +299,7 @@ def map_figure(
     if not known.any():
         ax.text(
             0.5, 0.5, "no values here", transform=ax.transAxes, ha="center", va="center",
-            size=TEXT, path_effects=halo(), zorder=23,
+            size=style.TEXT, path_effects=style.halo(), zorder=23,
         )  # fmt: skip
     unit = layer.bands[0].unit
     unit = "" if layer.classes or unit in _UNITLESS else unit
