@@ -111,32 +111,23 @@ def slope(tmp_path_factory: pytest.TempPathFactory) -> Slope:
 
 @pytest.fixture(scope="module")
 def valley(make_valley: Callable[..., Path]) -> Path:
-    return make_valley()
-
-
-@pytest.fixture(scope="module")
-def line(slope: Slope) -> Path:
-    """Two lines, of which the first leads down the slope."""
-    y = NORTH - 50.0
-    lines = [
-        shapely.LineString([(WEST + 10, y), (WEST + 60, y - 5), (WEST + 130, y)]),
-        shapely.LineString([(WEST + 10, y), (WEST + 20, y)]),
-    ]
-    frame = gpd.GeoDataFrame(geometry=lines, crs="EPSG:2056")
-    frame.to_file(slope.folder / "lines.gpkg", driver="GPKG")
-    return slope.folder / "lines.gpkg"
+    return make_valley(spacing_m=20.0, rocks_per_point=2)
 
 
 @pytest.fixture(scope="module")
 def layers(slope: Slope) -> dict[str, str]:
-    """Layers as a user has them: ground, nets, trees, with attributes in capitals and others."""
+    """Layers as a user has them: ground, nets, trees, with attributes in capitals and others.
 
-    def write(name: str, geometry: Any, **columns: object) -> str:
-        frame = gpd.GeoDataFrame({**columns, "note": ["x"]}, geometry=[geometry], crs="EPSG:2056")
+    Of the two lines the first leads down the slope.
+    """
+
+    def write(name: str, *geometry: Any, **columns: object) -> str:
+        columns |= {"note": ["x"] * len(geometry)}
+        frame = gpd.GeoDataFrame(columns, geometry=list(geometry), crs="EPSG:2056")
         frame.to_file(slope.folder / f"{name}.gpkg", driver="GPKG")
         return str(slope.folder / f"{name}.gpkg")
 
-    foot = shapely.box(WEST + 100, NORTH - 100, WEST + 140, NORTH)
+    foot, y = shapely.box(WEST + 100, NORTH - 100, WEST + 140, NORTH), NORTH - 50.0
     return {
         "release": str(slope.folder / "release.gpkg"),
         "ground": write("ground", foot, CLASS=["soft_meadow"]),
@@ -150,6 +141,11 @@ def layers(slope: Slope) -> dict[str, str]:
             level=["not_in_danger"], author=["A"], date=["2026-01-31"], reason=["rock cleared"],
         ),
         "bare": write("bare", shapely.LineString([(WEST, NORTH - 9), (WEST + 9, NORTH - 9)])),
+        "lines": write(
+            "lines",
+            shapely.LineString([(WEST + 10, y), (WEST + 60, y - 5), (WEST + 130, y)]),
+            shapely.LineString([(WEST + 10, y), (WEST + 20, y)]),
+        ),
     }  # fmt: skip
 
 
@@ -157,9 +153,7 @@ SCENARIOS = ["small", 0.1, 0.3, 0.2, "large", 1, 2.5, 0.05]
 
 
 @pytest.fixture(scope="module")
-def seen(
-    ask: Ask, valley: Path, slope: Slope, line: Path, layers: dict[str, str]
-) -> dict[str, Any]:
+def seen(ask: Ask, valley: Path, slope: Slope, layers: dict[str, str]) -> dict[str, Any]:
     """One QGIS that runs, zones from layers, cuts a profile, and is given wrong input."""
     wrong = slope.folder / "wrong.toml"
     wrong.write_text(slope.config.read_text().replace("spacing_m", "spacing"))
@@ -175,8 +169,12 @@ def seen(
     calls = {
         "run": calling("run", out / "run", CONFIG=valley, SEED=12345678),
         "zone": calling("zone", out / "zone", **zoned),
-        "profile": calling("profile", out / "one", CONFIG=slope.config, LINE=f"@{line}|1"),
-        "two lines": calling("profile", out / "two", CONFIG=slope.config, LINE=f"@{line}"),
+        "profile": calling(
+            "profile", out / "one", CONFIG=slope.config, LINE=f"@{layers['lines']}|1"
+        ),
+        "two lines": calling(
+            "profile", out / "two", CONFIG=slope.config, LINE=f"@{layers['lines']}"
+        ),
         "wrong key": calling("run", out / "x", CONFIG=wrong),
         "nothing": calling("run", out / "x"),
         "both": calling("run", out / "x", CONFIG=valley, **plain),
@@ -226,7 +224,7 @@ def test_the_zip_has_what_a_plugin_must_have(tmp_path: Path) -> None:
     assert general["hasProcessingProvider"] == "yes" and general["icon"] in files
 
 
-def test_a_zip_that_the_index_would_refuse_is_named(tmp_path: Path, wheel: Path) -> None:
+def test_a_zip_that_the_index_would_refuse_is_named(tmp_path: Path) -> None:
     file = tmp_path / "plugin.zip"
     make_zip(file)
     assert problems_of(file) == [f"metadata: no {key}" for key in REQUIRED[-3:]]
@@ -236,8 +234,8 @@ def test_a_zip_that_the_index_would_refuse_is_named(tmp_path: Path, wheel: Path)
     ]  # fmt: skip
     make_zip(file, "https://code.sassgis.ch/sassgis", "rockfall@sassgis.ch")
     with zipfile.ZipFile(file, "a") as archive:
-        archive.write(wheel, f"sassgis_plugin/{wheel.name}")
-    assert problems_of(file) == [f"holds sassgis_plugin/{wheel.name}; expected no binaries"]
+        archive.writestr("sassgis_plugin/a.whl", b"")
+    assert problems_of(file) == ["holds sassgis_plugin/a.whl; expected no binaries"]
 
 
 def test_nothing_of_the_program_is_imported_and_qt_has_no_version() -> None:
@@ -401,9 +399,7 @@ def test_zones_from_layers_come_from_a_configuration_that_is_kept(
 ) -> None:
     call = seen["calls"]["zone"]
     assert call["error"] is None
-    zones = next(
-        layer for layer in leaves(call["tree"]) if layer["name"].startswith("Hazard zones")
-    )
+    zones = next(own for own in leaves(call["tree"]) if own["name"].startswith("Hazard zones"))
     assert zones["visible"] and zones["renderer"] != "singleSymbol"
     config = slope.folder / "zone_inputs" / "sassgis.toml"
     assert call["results"]["USED_CONFIG"] == str(config)
@@ -417,10 +413,8 @@ def test_zones_from_layers_come_from_a_configuration_that_is_kept(
     # A value under another name must not be a silent zero.
     assert "edits: no attribute limit, computed" in call["warnings"]
     assert made.ground.default == "talus" and made.hazard.ref_width_m == 10.0
-    assert [(b.name, b.volume_m3) for b in made.blocks] == [
-        ("small", (0.1, 0.3)), ("large", (1.0, 2.5)),
-    ]  # fmt: skip
-    assert [made.onsets[b.name].frequency for b in made.blocks] == [0.2, 0.05]
+    blocks = [(b.name, b.volume_m3, made.onsets[b.name].frequency) for b in made.blocks]
+    assert blocks == [("small", (0.1, 0.3), 0.2), ("large", (1.0, 2.5), 0.05)]
     run = read_map_run(made)
     assert {run.table.names[i] for i in np.unique(run.ground)} == {"talus", "soft_meadow"}
     ((net, _),) = run.control_lines
@@ -485,9 +479,7 @@ def test_the_other_tools_do_their_work(others: dict[str, Any], slope: Slope) -> 
 def test_the_panel_leads_from_terrain_to_sheets(
     ask: Ask, slope: Slope, layers: dict[str, str], tmp_path: Path
 ) -> None:
-    pictures = Path(os.environ.get("SASSGIS_PICTURES", tmp_path))
-    task = {"dem": slope.folder / "dem.tif", "layers": layers, "folder": tmp_path / "result",
-            "pictures": str(pictures)}  # fmt: skip
+    task = {"dem": slope.folder / "dem.tif", "layers": layers, "folder": tmp_path / "result"}
     seen = ask(steps=task)["steps"]
     assert seen["begin"]["next"] == "<b>Next: terrain (a terrain model).</b>"
     assert not seen["begin"]["run"] and not seen["begin"]["zone"]
@@ -509,7 +501,6 @@ def test_the_panel_leads_from_terrain_to_sheets(
     )
     assert "Hazard level" in after["sheets"][0]
     assert any("Hazard zones" in layer["name"] for layer in leaves(seen["tree"]))
-    assert all((pictures / f"{name}.png").stat().st_size > 10_000 for name in ("before", "after"))
 
 
 @pytest.mark.battery
@@ -546,39 +537,31 @@ def test_commands_get_their_arguments_and_none_of_the_surroundings(
         calling("batch", out, **both, RELEASES=table, MOSAIC_ONLY=True, MEMORY=2.5),
         calling("batch", out, **both),
         calling("sensitivity", out, **both, SAMPLES=16, SEED=2147483647),
-        {
-            "algorithm": "sassgis:frequency",
-            "parameters": {"VOLUMES": table, "COMPLETE": 0.05, "YEARS": 40, "LIMITS": "0.1,1"},
-        },
+        {"algorithm": "sassgis:frequency",
+         "parameters": {"VOLUMES": table, "COMPLETE": 0.05, "YEARS": 40, "LIMITS": "0.1,1"}},
         calling("rockyfor3d", tmp_path / "r.toml", FOLDER=slope.folder, CRS="EPSG:2056"),
         program=echo,
-    )["calls"]
+    )["calls"]  # fmt: skip
     tail, config, folder = f"--jobs 1 -o {out} --overwrite", slope.config, slope.folder
-    for call, command in zip(
-        report,
-        (
-            f"calibrate {config} --observations {folder} --draws 20",
-            f"gap diagnose {config} --observations {folder} --draws 20 --map",
-            f"batch {table} --config {config} --mosaic-only --memory 2.5",
-            f"batch {config}",
-        ),
-        strict=False,
-    ):
+    commands = (
+        f"calibrate {config} --observations {folder} --draws 20",
+        f"gap diagnose {config} --observations {folder} --draws 20 --map",
+        f"batch {table} --config {config} --mosaic-only --memory 2.5",
+        f"batch {config}",
+    )
+    for call, command in zip(report, commands, strict=False):
         assert call["error"] is None
         assert f"called: {command} {tail}; PYTHONSTARTUP=[]" in call["info"]
         assert any("sassgis 9.9.9 is installed" in text for text in call["warnings"])
         # Without a project, each layer brings the style that the file has for it.
         assert "categorizedSymbol" in {layer["renderer"] for layer in leaves(call["tree"])}
     # Numbers of a million and more keep all of their digits.
-    for call, words in zip(
-        report[4:],
-        (
-            f"sensitivity {config} --samples 16 --jobs 1 --seed 2147483647 -o {out} --overwrite",
-            f"frequency {table} --complete-from 0.05 --years 40 --scenarios 0.1,1",
-            f"init {tmp_path / 'r.toml'} --rockyfor3d {folder} --set terrain.crs=EPSG:2056",
-        ),
-        strict=True,
-    ):
+    commands = (
+        f"sensitivity {config} --samples 16 --jobs 1 --seed 2147483647 -o {out} --overwrite",
+        f"frequency {table} --complete-from 0.05 --years 40 --scenarios 0.1,1",
+        f"init {tmp_path / 'r.toml'} --rockyfor3d {folder} --set terrain.crs=EPSG:2056",
+    )
+    for call, words in zip(report[4:], commands, strict=True):
         assert f"called: {words}; PYTHONSTARTUP=[]" in call["info"], call
 
 

@@ -51,8 +51,9 @@ def footprint(grid: Grid, values: FloatArray | None, others: FloatArray) -> Exte
         if lack > 0.0:
             box[low] -= lack / 2.0
             box[high] += lack / 2.0
-    low, high = np.maximum(box[:2], (west, south)), np.minimum(box[2:], (east, north))
-    return float(low[0]), float(low[1]), float(high[0]), float(high[1])
+    x0, y0 = np.maximum(box[:2], (west, south)).tolist()
+    x1, y1 = np.minimum(box[2:], (east, north)).tolist()
+    return x0, y0, x1, y1
 
 
 @dataclass(frozen=True, slots=True)
@@ -184,11 +185,11 @@ def map_axes(ax: Axes, extent: Extent, parts: int = 5) -> None:
     for axis, begin, end in ((ax.xaxis, west, east), (ax.yaxis, south, north)):
         low, high = begin + 0.05 * (end - begin), end - 0.05 * (end - begin)
         axis.set_major_locator(MultipleLocator(step))
-        axis.set_major_formatter(
-            lambda value, _, low=low, high=high: (
-                thousands(value / scale, decimals) if low <= value <= high else ""
-            )
-        )
+
+        def shown(value: float, _: object, low: float = low, high: float = high) -> str:
+            return thousands(value / scale, decimals) if low <= value <= high else ""
+
+        axis.set_major_formatter(shown)
     unit = "km" if in_km else "m"
     ax.set_xlabel(phrase("{} ({})", phrase("east"), unit), size=SMALL)
     ax.set_ylabel(phrase("{} ({})", phrase("north"), unit), size=SMALL)

@@ -85,7 +85,7 @@ def house_style() -> Iterator[None]:
 
 def new_figure(width_in: float, height_in: float, *, compressed: bool = False) -> Figure:
     """Make a figure that belongs to nobody but the caller (no pyplot)."""
-    layout = "compressed" if compressed else "constrained"
+    layout: Any = "compressed" if compressed else "constrained"
     figure = Figure(figsize=(width_in, height_in), layout=layout)
     FigureCanvasAgg(figure)
     return figure
