@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import shutil
 import zipfile
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree as ET
@@ -13,11 +14,13 @@ import numpy as np
 import pytest
 from helpers import made_up_result as made_up
 from helpers.in_qgis import in_qgis
+from matplotlib.colors import to_rgb
 
 from sassgis.hazard.zone_styles import ZONE_OPACITY
 from sassgis.outputs.qgis.entries import LayerEntry, LayerGroup
 from sassgis.outputs.qgis.project import write_project
-from sassgis.settings.styles import RASTER_OPACITY
+from sassgis.settings.statistics_table import STATISTICS, Statistic
+from sassgis.settings.styles import RASTER_OPACITY, class_colours, class_labels
 
 PROBE = Path(__file__).with_name("probe.py")
 
@@ -295,3 +298,12 @@ def test_layers_and_sheets_need_one_name_each(tmp_path: Path) -> None:
                 tmp_path / "p.qgz", title="t", crs="", groups=groups, extent=made_up.EXTENT,
                 layouts=sheets,
             )  # fmt: skip
+
+
+@pytest.mark.parametrize("row", STATISTICS, ids=lambda row: row.stem)
+def test_darker_means_more_and_the_palest_class_is_no_grey(row: Statistic) -> None:
+    colours = [to_rgb(colour) for colour in class_colours(row.breaks, row.ramp)]
+    assert all(a > b for a, b in pairwise(np.dot(colours, (0.3, 0.59, 0.11))))
+    assert np.ptp(colours[0]) > 0.1
+    # No class is of numbers that cannot occur.
+    assert not class_labels(row.breaks, row.unit)[0].startswith("<")

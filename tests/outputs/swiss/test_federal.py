@@ -92,19 +92,6 @@ def test_values_and_types_survive_the_geopackage(tmp_path: Path) -> None:
     assert states.loc[0, "rf_state_rock_fall"] == "assessed_and_complete"
 
 
-def test_empty_layers_keep_their_columns_and_types(tmp_path: Path) -> None:
-    layers = [made.layer(name, [], **LV95) for name in FEDERAL_CLASSES]
-    path = write_geopackage(tmp_path / "hazard.gpkg", layers)
-    for layer in layers:
-        info = pyogrio.read_info(path, layer=layer.name)
-        assert info["features"] == 0 and info["crs"] == "EPSG:2056"
-        assert list(info["fields"]) == layer.columns[1:]
-    info = pyogrio.read_info(path, layer="intensity_by_source")
-    kinds = dict(zip(info["fields"], info["dtypes"], strict=True))
-    assert kinds["return_period_in_years"] == "int32"
-    assert kinds["subscenario_probability"] == "float64"
-
-
 def test_parts_become_features_of_their_own_on_whole_millimetres() -> None:
     frame = levels([made.PARTS, ZONE], ["slight", "mean"]).frame
     assert frame["hazard_level"].tolist() == ["slight", "slight", "mean"]

@@ -29,10 +29,8 @@ def test_station_panels_hold_the_counts() -> None:
     drawn = find(figure, "computed")
     assert [d.get_data().values.tolist() for d in drawn] == [h.counts.tolist() for h in COMPUTED]
     words = texts(figure)
-    for word in ("speed (m/s)", "rotation (Hz)", "passing height (m)", "kinetic energy (kJ)"):
+    for word in ("rotation (Hz)", "kinetic energy (kJ)", "Camera 2", "12 of 20"):
         assert word in words
-    assert "Camera 2" in words and "12 of 20" in words
-    assert "number of blocks" in words
     # Bins beyond the last rock are not shown; the open last bin is named where it holds rocks.
     assert figure.axes[0].get_xlim()[1] < 4.5
     assert len(find(figure, "open-bin")) == 1

@@ -23,7 +23,6 @@ from sassgis.report.figures import (
 )
 from sassgis.report.figures.hazard_figures import MAX_SOURCES, amount, leading_sources
 from sassgis.report.figures.hazard_map_figures import level_changes
-from sassgis.report.figures.map_figure import class_positions, columns_of
 from sassgis.settings.hazard_rules import HazardCurves
 from sassgis.settings.languages import in_language
 from sassgis.settings.results import Band, RasterClass, RasterLayer
@@ -61,15 +60,10 @@ def classes_on(ax) -> np.ndarray:
 # --- maps of classes ---------------------------------------------------------------------------
 
 
-def test_only_classes_have_a_position() -> None:
-    found = class_positions(np.array([[0.0, 1.0, 2.0, 3.0], [4.0, 5.0, np.nan, -1.0]]), LEVELS)
-    np.testing.assert_array_equal(found, [[np.nan, 0, 1, np.nan], [2, np.nan, np.nan, np.nan]])
-
-
 def test_a_map_of_classes_has_their_colours_and_names(valley: Grid) -> None:
     figure = map_figure(valley, level_of(valley))
     (image,) = find(figure, "layer")
-    values = np.ma.filled(image.get_array().astype(float), np.nan)
+    values = classes_on(axes_of(figure, "map")[0])
     assert [np.count_nonzero(values == k) for k in (0, 1, 2)] == [60, 64, 36]
     # A hatched class is striped on white.
     colours = [to_hex(image.cmap(image.norm(k))) for k in range(3)]
@@ -114,13 +108,6 @@ def test_zones_are_drawn_in_place_of_cells(valley: Grid) -> None:
 
 
 # --- side by side ------------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize(
-    ("panels", "aspect", "columns"), [(1, 1.0, 1), (4, 1.0, 2), (4, 0.2, 1), (4, 4.0, 4)]
-)
-def test_columns_make_the_maps_large(panels: int, aspect: float, columns: int) -> None:
-    assert columns_of(panels, aspect, 6.0, 8.0) == columns
 
 
 def test_intensities_side_by_side(valley: Grid) -> None:

@@ -59,9 +59,8 @@ def test_layer_is_drawn_by_classes_cropped_and_placed(valley: Grid) -> None:
     colours = [to_hex(image.cmap(image.norm(k))) for k in range(3)]
     assert colours == class_colours((30.0, 300.0), "YlOrRd")
     words = texts(figure)
-    for word in ("Kinetic energy", "kJ", "< 30", "30 – 300", "≥ 300", "Of passing rocks.", "N"):
+    for word in ("Kinetic energy", "kJ", "30 – 300", "≥ 300", "Of passing rocks.", "east (m)"):
         assert word in words
-    assert "east (m)" in words and "north (m)" in words
 
 
 def test_layer_without_classes_has_a_ramp_over_its_data(valley: Grid) -> None:
@@ -158,13 +157,10 @@ def test_relief_is_lit_from_the_north_west(valley: Grid) -> None:
 
 
 def test_view_covers_the_extent(valley: Grid) -> None:
-    view = view_of(
-        valley, (valley.west + 12.0, valley.north - 33.0, valley.west + 21.0, valley.north - 4.0)
-    )
+    west, north = valley.west, valley.north
+    view = view_of(valley, (west + 12.0, north - 33.0, west + 21.0, north - 4.0))
     assert (view.rows, view.cols) == (slice(0, 7), slice(2, 5))
-    assert view.grid.bounds == (
-        valley.west + 10, valley.north - 35, valley.west + 25, valley.north,
-    )  # fmt: skip
+    assert view.grid.bounds == (west + 10, north - 35, west + 25, north)
 
 
 def test_footprint_reaches_beyond_the_cells_but_not_the_grid(valley: Grid) -> None:
