@@ -13,17 +13,8 @@ from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 from scipy.stats import binom, energy_distance
 
+from sassgis.gap import words
 from sassgis.gap.diagnosis import Comparison, GapFinding, Hypothesis, Rung
-from sassgis.gap.words import (
-    effect_name,
-    place_name,
-    place_words,
-    quantity_name,
-    rung_name,
-    significance,
-    tested_by,
-    with_unit_in_brackets,
-)
 from sassgis.grid import FloatArray, Grid
 from sassgis.report.figures import map_marks, style
 from sassgis.report.figures.map_figure import MapPanel, colour_bar, draw_maps, finish
@@ -83,7 +74,7 @@ def gap_map_figure(
         phrase(
             "Colour: {}, observed less predicted; vermilion: more was observed, blue: less; thin: "
             "not distinguished from chance.",
-            quantity_name(quantity),
+            words.quantity_name(quantity),
         ): gaps,
         phrase("Thin dark lines: fall lines."): lines,
         phrase("Triangles: release."): len(release),
@@ -177,7 +168,7 @@ def gap_where_figure(findings: Sequence[GapFinding]) -> Figure:
         parts = grid[0, k].subgridspec(len(keys) + len(rest), 1, height_ratios=ratios + rest)
         for i, key in enumerate(keys):
             ax = sheet.figure.add_subplot(parts[i])
-            name = with_unit_in_brackets(quantity_name(key[0]), key[1])
+            name = words.with_unit_in_brackets(words.quantity_name(key[0]), key[1])
             ax.set_title(style.wrap(name, style.WIDTH_IN / len(columns) - 0.8, style.TEXT))
             _draw_gaps(ax, groups[key])
     return sheet.figure
@@ -200,7 +191,7 @@ def _rows_only(ax: Axes, n: int, rest: float) -> None:
 def _draw_gaps(ax: Axes, rows: Sequence[GapFinding]) -> None:
     ax.axvline(0.0, color=style.GREY, lw=0.8, zorder=1)
     for i, finding in enumerate(rows):
-        sure = significance(finding)
+        sure = words.significance(finding)
         colour = (
             style.GREY if sure == "open" else style.VERMILION if finding.gap > 0.0 else style.BLUE
         )
@@ -215,14 +206,14 @@ def _draw_gaps(ax: Axes, rows: Sequence[GapFinding]) -> None:
         )  # fmt: skip
     labels = []
     for finding in rows:
-        place = place_name(finding.place.replace("_", " "))
+        place = words.place_name(finding.place.replace("_", " "))
         same = [f for f in rows if (f.place, f.phase) == (finding.place, finding.phase)]
-        phase = tested_by(finding.test) if len(same) > 1 else phrase(finding.phase)
+        phase = words.tested_by(finding.test) if len(same) > 1 else phrase(finding.phase)
         # In the language of the figure: labels of an axis are set anew when it is drawn.
         labels.append(translated(phrase("{} · {}", place, phase) if phase else place))
     ax.set_yticks(range(len(rows)), labels)
     for label, finding in zip(ax.get_yticklabels(), rows, strict=True):
-        label.set_fontweight("bold" if significance(finding) == "sure" else "normal")
+        label.set_fontweight("bold" if words.significance(finding) == "sure" else "normal")
     _rows_only(ax, len(rows), 0.6)
     ax.margins(x=0.08)
     ax.locator_params(axis="x", nbins=4)
@@ -272,7 +263,7 @@ def gap_distributions_figure(comparisons: Sequence[Comparison], *, effect: str =
         "that are drawn."
     )
     if after:
-        parts.append(phrase("Vermilion: with {}.", effect_name(effect)))
+        parts.append(phrase("Vermilion: with {}.", words.effect_name(effect)))
         text = (
             "D: energy distance to the observed values, in their standard deviations, base → with "
             "the effect, of the values that are drawn."
@@ -297,11 +288,13 @@ def gap_distributions_figure(comparisons: Sequence[Comparison], *, effect: str =
 def _draw_comparison(ax: Axes, comparison: Comparison, width_in: float, after: bool) -> None:
     seen, base = _known(comparison.observed), _known(comparison.base)
     with_effect = _known(comparison.effect) if after else np.empty(0)
-    words = with_unit_in_brackets(
-        phrase("{} {}", quantity_name(comparison.quantity), place_words(comparison.place)),
+    named = words.with_unit_in_brackets(
+        phrase(
+            "{} {}", words.quantity_name(comparison.quantity), words.place_words(comparison.place)
+        ),
         comparison.unit,
     )
-    ax.set_title(style.wrap(words, width_in, style.SMALL + 0.5), size=style.SMALL + 0.5, pad=3)
+    ax.set_title(style.wrap(named, width_in, style.SMALL + 0.5), size=style.SMALL + 0.5, pad=3)
     ax.set_ylim(-0.02, 1.04)
     ax.yaxis.set_major_formatter(style.percent_formatter(1.0))
     ax.locator_params(axis="x", nbins=5)
@@ -357,7 +350,7 @@ def gap_ladder_figure(ladder: Sequence[Rung]) -> Figure:
                 text = phrase(" closes {} %", f"{100 * rung.share:.0f}".replace("-", "\u2212"))
             ax.text(max(rung.distance, 0.0), i, text, va="center", size=style.SMALL)
     ax.axvline(0.0, color=style.GREY, lw=0.8, zorder=1)
-    names = [style.wrap(rung_name(r.rung), 1.85, style.TEXT) for r in ladder]
+    names = [style.wrap(words.rung_name(r.rung), 1.85, style.TEXT) for r in ladder]
     ax.set_yticks(range(n), names, size=style.TEXT)
     _rows_only(ax, n, 0.6)
     ax.grid(visible=False)
@@ -398,7 +391,7 @@ def gap_hypotheses_figure(
         text = f"{100 * share:.0f} %" if share >= 0.005 else "< 1 %"
         shares.text(share + 0.02, i, text, va="center", size=style.SMALL)
     names = [
-        joined("\n", filter(None, (effect_name(h.effect), style.wrap(h.form, 2.4))))
+        joined("\n", filter(None, (words.effect_name(h.effect), style.wrap(h.form, 2.4))))
         for h in hypotheses
     ]
     gains.set_yticks(range(n), [translated(name) for name in names])
