@@ -143,12 +143,8 @@ def test_classes_are_bytes_that_keep_zero_and_nothing_apart(tmp_path: Path) -> N
         colours = data.colormap(1)
         assert data.tags(ns="IMAGE_STRUCTURE")["LAYOUT"] == "COG"
     # A hatch cannot be drawn on cells: half colour, half white.
-    assert [colours[value][:3] for value in (0, 1, 2, 3)] == [
-        (255, 255, 255),
-        (255, 238, 128),
-        (255, 221, 0),
-        (230, 0, 0),
-    ]
+    shown = [colours[value][:3] for value in (0, 1, 2, 3)]
+    assert shown == [(255, 255, 255), (255, 238, 128), (255, 221, 0), (230, 0, 0)]
 
 
 def test_classes_come_back_from_the_folder_whatever_their_labels(tmp_path: Path) -> None:
@@ -160,15 +156,10 @@ def test_classes_come_back_from_the_folder_whatever_their_labels(tmp_path: Path)
     assert found == list(enumerate(labels, start=1))
 
 
-@pytest.mark.parametrize(
-    ("number", "kind", "nodata"),
-    [
-        (254, "uint8", 255),
-        (255, "int16", -32768),
-        (-1, "int16", -32768),
-        (32768, "int32", -(2**31)),
-    ],
-)
+TYPES = [(254, "uint8", 255), (255, "int16", -32768), (-1, "int16", -32768)]
+
+
+@pytest.mark.parametrize(("number", "kind", "nodata"), [*TYPES, (32768, "int32", -(2**31))])
 def test_the_type_holds_every_class(tmp_path: Path, number: int, kind: str, nodata: int) -> None:
     layer = classes_of(
         np.array([[number, np.nan]]), classes=(RasterClass(number, "it", "#123456"),)
@@ -195,8 +186,5 @@ def test_the_style_of_classes_lists_the_most_severe_first(tmp_path: Path) -> Non
     path = write_raster(classes_of(np.array([[1.0, 2.0]])), flat((1, 2)), tmp_path)
     root = ET.fromstring(path.with_suffix(".qml").read_text(encoding="utf-8"))
     entries = [(e.get("value"), e.get("color"), e.get("label")) for e in root.iter("paletteEntry")]
-    assert entries == [
-        ("3", "#e60000", "elevato"),
-        ("2", "#ffdd00", "basso"),
-        ("1", "#ffee80", "residuo (pale)"),
-    ]
+    pale = ("1", "#ffee80", "residuo (pale)")
+    assert entries == [("3", "#e60000", "elevato"), ("2", "#ffdd00", "basso"), pale]

@@ -210,11 +210,10 @@ def steps(window, task):
     seen["exposed"] = states(dock)
     dock.further["ROADS"].setLayer(None)
     seen["zone ended"] = wait(dock.zone_button.click)
-    seen["after zone"] = {
-        **states(dock), "line": dock.line.text(), "share": dock.share_bar.text(),
-        "bar": dock.share_bar.value(), "sheets": [dock.sheet.itemText(k)
-                                                  for k in range(dock.sheet.count())],
-    }  # fmt: skip
+    shown = {"line": dock.line.text(), "share": dock.share_bar.text()}
+    sheets = [dock.sheet.itemText(k) for k in range(dock.sheet.count())]
+    bar = dock.share_bar.value()
+    seen["after zone"] = {**states(dock), **shown, "bar": bar, "sheets": sheets}
     seen["tree"] = tree(project.layerTreeRoot())
     return seen
 

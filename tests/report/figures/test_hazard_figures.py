@@ -100,10 +100,8 @@ def test_stripes_lie_on_the_hatched_cells_alone(valley: Grid) -> None:
 def test_zones_are_drawn_in_place_of_cells(valley: Grid) -> None:
     ring = np.array([[100.0, -50.0], [150.0, -50.0], [150.0, -90.0]])
     ring += [valley.west, valley.north]
-    level = level_of(valley)
-    marks = MapMarks(zones=[(shapely.Polygon(ring), level.classes[0])])
-    figure = map_figure(valley, level, marks)
-    (zone,) = find(figure, "zone")
+    marks = MapMarks(zones=[(shapely.Polygon(ring), LEVELS[0])])
+    (zone,) = find(map_figure(valley, level_of(valley), marks), "zone")
     np.testing.assert_allclose(sorted(zone.get_path().vertices[:3].tolist()), sorted(ring.tolist()))
 
 
