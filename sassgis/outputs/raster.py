@@ -147,7 +147,6 @@ def _describe(dataset: Any, layer: RasterLayer, grid: Grid, number_type: str) ->
     if grid.vertical_datum:
         dataset.update_tags(VERTICAL_DATUM=grid.vertical_datum)
     for number, band in enumerate(layer.bands, start=1):
-        # What QGIS lists as the band: its description with the unit.
         text = band.description or band.name
         united = f"{text} ({band.unit})" if band.unit and band.unit not in ("1", text) else text
         dataset.set_band_description(number, united)
@@ -163,10 +162,6 @@ def _describe(dataset: Any, layer: RasterLayer, grid: Grid, number_type: str) ->
 def _stored(band: Band, number_type: str, nodata: float) -> NDArray[Any]:
     """Return values of a band as they are in the file."""
     return np.where(np.isfinite(band.values), band.values, nodata).astype(number_type)
-
-
-# ---------------------------------------------------------------------------------------------
-# Block by block, so that no map is ever in memory as a whole
 
 
 @dataclass(frozen=True, slots=True)

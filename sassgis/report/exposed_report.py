@@ -52,7 +52,6 @@ def exposed_table(
         shown.insert(2, values.energy_kj[rare])
     rows: list[tuple[float, tuple[Cell, ...]]] = []
     for name, own in placed.wholes.items():
-        # Of a road the stretch that the most energy comes to.
         energy = np.nan_to_num(shown[-2].value[own], nan=-1.0)
         number = own[int(np.argmax(energy))]
         level = [levels[name]] if levels else []

@@ -43,7 +43,6 @@ def _scaled(named: Hypothesis | None) -> list[Phrase]:
     if scale is None or low <= 1.0 <= high:
         return []
     if low == high:
-        # Taken only from the observations.
         return [phrase("Observed speeds are {} times the true ones.", sensible(scale))]
     said = "Observed speeds are {} times those that fit (95 %: {})."
     return [phrase(said, sensible(scale), interval_text((low, high)))]

@@ -76,9 +76,6 @@ def report_warnings(case: Case, diagnosis: Diagnosis) -> list[str]:
     return out
 
 
-# --- figures ---------------------------------------------------------------------------------
-
-
 def headline(findings: Iterable[GapFinding]) -> GapFinding | None:
     """Return the finding to map: the most important quantity among those beyond chance."""
     placed = [f for f in findings if math.isfinite(f.gap) and math.isfinite(f.s0_m)]
@@ -206,9 +203,6 @@ def gap_figures(case: Case, diagnosis: Diagnosis, folder: Path) -> list[ReportFi
             ),
         )
     return out
-
-
-# --- tables ----------------------------------------------------------------------------------
 
 
 def gap_tables(case: Case, diagnosis: Diagnosis) -> list[ReportTable]:
@@ -415,9 +409,6 @@ def _ground_table(before: GroundTable, after: GroundTable) -> ReportTable:
         "Configured → calibrated, with the named effect if there is one. Classes that did not "
         "change are not listed.",
     )
-
-
-# --- all of it -------------------------------------------------------------------------------
 
 
 def gap_report(

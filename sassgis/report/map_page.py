@@ -97,7 +97,6 @@ def write_map_page(
     around += [shapely.get_coordinates(geometry) for _, geometry, _ in areas]
     everything = np.concatenate([np.empty((0, 2)), *around])
     view = view_of(run.grid, footprint(run.grid, shown_values(first.bands[0]), everything))
-    # A dot for each cell or some of them.
     factor = -(-max(view.grid.shape) // _DOTS)
     grey = np.nan_to_num((hillshade(view.grid) + 0.35) / 1.3, nan=1.0)[::factor, ::factor]
     data = {
@@ -178,10 +177,6 @@ _LABELS = {
 }
 
 
-# ---------------------------------------------------------------------------------------------
-# Pictures
-
-
 def _png(image: NDArray[Any]) -> bytes:
     buffer = io.BytesIO()
     # An empty name in place of matplotlib's version: equal runs give equal pages.
@@ -220,10 +215,6 @@ def _map(layer: RasterLayer, view: MapView) -> dict[str, Any]:
         "picture": data_uri(_png(image)),
         "legend": legend[::-1],
     }
-
-
-# ---------------------------------------------------------------------------------------------
-# Cells
 
 
 def _cells(
@@ -371,7 +362,6 @@ def largest_shares(
         total += weight
         new = np.full(cells.size, number, np.uint16)
         for place in range(_SOURCES):
-            # Of equal ones the first comes first.
             earlier = (weight == best[:, place]) & (new < which[:, place])
             more = (weight > best[:, place]) | earlier
             weight, best[:, place] = (
@@ -398,10 +388,6 @@ def _packed(values: NDArray[Any]) -> str:
     """Return numbers of a type that the page knows, compressed, as text."""
     plain = values.astype(values.dtype.newbyteorder("<")).tobytes()
     return base64.b64encode(zlib.compress(plain, 9)).decode("ascii")
-
-
-# ---------------------------------------------------------------------------------------------
-# Shapes
 
 
 def _shape(

@@ -263,7 +263,6 @@ def map_report(
         "reason; lines",
         ((text, int((ends == e).sum())) for e, text in LINE_END_TEXT.items()),
     )
-    # In words: what of the terrain blocks do not meet.
     roughness = "none: cells are not finer than the blocks"
     if run.heights is not run.grid:
         text = "what is smaller than {} m (terrain.block_scale_m)"

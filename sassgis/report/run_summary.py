@@ -22,7 +22,6 @@ def runout_words(counts: IntArray, text: str) -> str:
     """Put the run-out of blocks, counted in bins of 1 m, into a text; empty for none."""
     if not counts.sum():
         return ""
-    # Upper limits of the bins.
     below = np.cumsum(counts)
     median, most = (int(np.searchsorted(below, share * below[-1])) + 1 for share in (0.5, 0.95))
     longest = int(np.flatnonzero(counts)[-1]) + 1

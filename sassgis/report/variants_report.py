@@ -18,9 +18,6 @@ from sassgis.settings.map_run import MapRun
 from sassgis.settings.results import RasterLayer
 from sassgis.studies import variants
 
-# ---------------------------------------------------------------------------------------------
-# Sensitivity
-
 
 def sensitivity_report(
     title: str,
@@ -121,10 +118,6 @@ def _effect_table(effects: Sequence[variants.RangeEffect]) -> ReportTable:
         "Each range alone, where it changes more than by chance; all of them are in "
         "tables/effects.csv. Rank correlation: over the simulations of all ranges at once.",
     )  # fmt: skip
-
-
-# ---------------------------------------------------------------------------------------------
-# Spread between sites
 
 
 def spread_lines(spread: variants.GroundSpread) -> Lines:

@@ -120,8 +120,6 @@ def test_what_cannot_be_written(tmp_path: Path) -> None:
         write_raster(layer_of(np.zeros((2, 2))), flat((2, 2)), tmp_path / "maps")
 
 
-# --- maps of classes ---------------------------------------------------------------------------
-
 LEVELS = (
     RasterClass(1, "residuo", "#ffdd00", hatched=True),
     RasterClass(2, "basso", "#ffdd00"),

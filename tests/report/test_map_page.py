@@ -103,9 +103,6 @@ def opened(tmp_path_factory: pytest.TempPathFactory) -> Callable[..., Any]:
     return run
 
 
-# --- the file ------------------------------------------------------------------------------------
-
-
 def test_nothing_is_fetched_and_names_cannot_end_the_script(zoned: Zoned) -> None:
     text = zoned[1].read_text(encoding="utf-8")
     style = text[text.index("<style>") : text.rindex("</style>")]
@@ -155,9 +152,6 @@ def test_of_squares_of_cells_the_strongest_stays() -> None:
     strength[0, 0], strength[1, 1], strength[4, 6], strength[2, 3] = 1.0, 2.0, 0.5, 3.0
     assert strongest_cells(strength.ravel(), (5, 7), 2).tolist() == [8, 17, 34]
     assert strongest_cells(strength.ravel(), (5, 7), 1).tolist() == [0, 8, 17, 34]
-
-
-# --- in a browser --------------------------------------------------------------------------------
 
 
 @browser

@@ -224,6 +224,5 @@ def _style(symbol: Symbol, quantity: str, currency: str) -> VectorStyle:
     for k, colour in enumerate(class_colours((0.0, *limits), _RAMP)):
         own = replace(symbol, colour=colour)
         classes.append(StyleClass(labels[k], own, lower=edges[k], upper=edges[k + 1]))
-    # Names of stretches would cover the road.
     label = "" if symbol.kind == "line" else "name"
     return VectorStyle(symbol, "ranges", f"{quantity}_per_year", tuple(classes), label)

@@ -156,10 +156,6 @@ def _pieces(
     )
 
 
-# ---------------------------------------------------------------------------------------------
-# Tables
-
-
 def range_table(ranges: Sequence[ParameterRange]) -> pd.DataFrame:
     """Return the ranges with their sources."""
     names = ("parameter", "value", "low", "high", "sd", "source", "verified", "sites", "rocks")

@@ -97,7 +97,6 @@ def _shading(layer: RasterLayer) -> dict[str, object]:
     shown = band.values[np.isfinite(band.values)]
     shown = shown[shown != 0] if clear else shown
     low, high = (float(shown.min()), float(shown.max())) if shown.size else (0.0, 1.0)
-    # A proper interval where there is none.
     high = high if low < high else low + max(1.0, abs(low))
     if layer.breaks:
         # A limit belongs to the class above it; the cells are float32, so the next smaller float32

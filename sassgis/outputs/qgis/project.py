@@ -66,7 +66,6 @@ def write_project(
     shown = {entry.key: entry for entry in entries}
     sheets = root.find("Layouts")
     assert sheets is not None
-    # The system as a reader knows it; empty for local coordinates.
     code = f" ({system['authid']})" if system["authid"] else ""
     name = f"{system['description']}{code}"
     sheets.extend(layout_element(layout, shown, name) for layout in layouts)

@@ -150,10 +150,6 @@ def federal_note(federal: bool) -> str:
     )
 
 
-# ---------------------------------------------------------------------------------------------
-# Values and zones: checked, shortened, on coordinates of 1 mm
-
-
 def checked_values(
     kind: FederalClass,
     values: Mapping[str, Any],

@@ -73,7 +73,6 @@ def energy_profile_figure(
         tone = 0.35 + 0.65 * (i + 1) / len(curves)
         shade = to_hex((1.0 - tone, 1.0 - 0.72 * tone, 1.0 - 0.5 * tone))
         width = 0.9 + 0.35 * i
-        # The median, or the share of blocks that stays below.
         name = phrase("median") if share == 0.5 else f"{100.0 * share:.4g} %"
         look = {"color": shade, "lw": width, "label": name, "gid": f"q{share:g}"}
         upper.stairs(values, s_bins, baseline=None, **look)

@@ -31,9 +31,6 @@ _MARKED = 60
 _ROW_IN, _HEAD_ROWS = 0.2, 2.6
 
 
-# --- where -----------------------------------------------------------------------------------
-
-
 @dataclass(frozen=True, slots=True)
 class GapStretch:
     """A stretch of a fall line, or a station, with the gap there.
@@ -219,9 +216,6 @@ def _draw_gaps(ax: Axes, rows: Sequence[GapFinding]) -> None:
     ax.locator_params(axis="x", nbins=4)
 
 
-# --- before and after ------------------------------------------------------------------------
-
-
 def _known(values: Sequence[float]) -> FloatArray:
     return np.asarray([v for v in values if math.isfinite(v)], float)
 
@@ -317,9 +311,6 @@ def _draw_comparison(ax: Axes, comparison: Comparison, width_in: float, after: b
         0.97, 0.06, f"{compared}n = {seen.size}", transform=ax.transAxes, ha="right", va="bottom",
         size=style.SMALL, gid="distance", path_effects=style.halo(), zorder=9,
     )  # fmt: skip
-
-
-# --- which -----------------------------------------------------------------------------------
 
 
 @style.house_style()

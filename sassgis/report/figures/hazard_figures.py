@@ -267,7 +267,6 @@ def risk_figure(
     sheet = style.Sheet(title, joined(" ", notes), max(sum(heights), 0.8) + 0.4)
     ax = sheet.figure.subplots()
     ax.set_label("risk")
-    # In steps of three, so that the numbers along the axis are short.
     exponent = min(0, 3 * int(np.floor(np.log10(risk.max()) / 3.0)))
     power = f"{power_of_ten(exponent)} " if exponent else ""
     ax.set_xlabel(phrase("{} ({}{})", phrase(quantity), power, unit))

@@ -102,9 +102,6 @@ def class_signs(classes: Sequence[RasterClass], over: str = "") -> list[Patch]:
     return signs
 
 
-# --- drawing ---------------------------------------------------------------------------------
-
-
 def columns_of(panels: int, aspect: float, width_in: float, height_in: float) -> int:
     """Return the number of columns that makes equal panels largest in the room for all (in)."""
 
@@ -222,9 +219,6 @@ def colour_bar(axes: Sequence[Axes], panel: MapPanel, words: str, **how: Any) ->
     bar.ax.tick_params(labelsize=style.SMALL)
     bar.ax.grid(False)
     bar.set_label(words, size=style.SMALL)
-
-
-# --- a layer ---------------------------------------------------------------------------------
 
 
 def _value_label(value: float, _: object = None) -> str:

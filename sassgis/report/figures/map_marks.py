@@ -215,7 +215,6 @@ def _write_names(ax: Axes, names: Sequence[MapName], box: Extent, points_per_met
         left = (x - gap - wide, y - high / 2.0), (-gap, 0.0), "right", "center"
         above = (x - wide / 2.0, y + gap), (0.0, gap), "center", "bottom"
         below = (x - wide / 2.0, y - gap - high), (0.0, -gap), "center", "top"
-        # Towards the middle of the map.
         sides = [right, left] if x <= width / 2.0 else [left, right]
         rooms = {(*s[0], s[0][0] + wide, s[0][1] + high): s[1:] for s in (*sides, above, below)}
         within = [r for r in rooms if min(r) >= 0.0 and r[2] <= width and r[3] <= height]

@@ -37,9 +37,6 @@ PAGE = (420.0, 297.0)
 sides = st.floats(1.0, 1e5)
 
 
-# --- without QGIS ------------------------------------------------------------------------------
-
-
 @given(sides, sides, st.floats(50.0, 400.0), st.floats(50.0, 300.0))
 def test_the_scale_is_round_and_the_extent_fits(
     width: float, height: float, frame_w: float, frame_h: float
@@ -97,9 +94,6 @@ def apart(items: list[tuple[str, float, float, float, float]], page: tuple[float
         over_x = min(ax + aw, bx + bw) - max(ax, bx)
         over_y = min(ay + ah, by + bh) - max(ay, by)
         assert over_x <= 1.0 or over_y <= 0.05, f"{one} and {two}"
-
-
-# --- in QGIS -----------------------------------------------------------------------------------
 
 
 @pytest.fixture(scope="module")

@@ -258,9 +258,6 @@ def test_local_coordinates(qgis: None, tmp_path: Path) -> None:
     assert red > blue + 100
 
 
-# --- without QGIS ------------------------------------------------------------------------------
-
-
 def document(project: Path) -> ET.Element:
     with zipfile.ZipFile(project) as archive:
         (name,) = archive.namelist()

@@ -46,9 +46,6 @@ def xtf(result: Path, tmp_path: Path) -> Path:
     return tmp_path / "a.xtf"
 
 
-# --- what is written -------------------------------------------------------------------------
-
-
 def test_the_validator_accepts_what_is_written_whatever_its_name(
     result: Path, tmp_path: Path, official_models: Path
 ) -> None:
@@ -123,8 +120,6 @@ def test_equal_results_give_equal_files_and_identifiers_follow_content(
     assert sum(a != b for a, b in zip(before, after, strict=True)) == 1
 
 
-# --- the validator refuses what is wrong -----------------------------------------------------
-
 #: What is found (a regular expression), what takes its place, what the validator says.
 SPOILED: dict[str, tuple[str, str, str]] = {
     "wrong code": ("<hazard_level>mean<", "<hazard_level>medium<", "medium is not a member"),
@@ -185,9 +180,6 @@ def test_a_validator_that_is_missing_or_breaks_down(
     monkeypatch.setattr(importlib.util, "find_spec", lambda name: None)
     with pytest.raises(InputError, match=r"not installed.*sassgis\[interlis\]"):
         export_xtf(result, tmp_path / "b.xtf", tmp_path)
-
-
-# --- what cannot be exported -----------------------------------------------------------------
 
 
 def test_folders_that_are_no_result(result: Path, tmp_path: Path) -> None:
@@ -275,9 +267,6 @@ def test_layers_that_are_missing(result: Path, tmp_path: Path) -> None:
         export_xtf(result, tmp_path / "b.xtf")
 
 
-# --- structure without a model ---------------------------------------------------------------
-
-
 def test_rings_that_touch_have_a_corner_there() -> None:
     before = shapely.get_num_coordinates(made.HOLLOW)
     outline, hole = touching_at_corners(made.HOLLOW)
@@ -292,9 +281,6 @@ def test_rings_that_touch_have_a_corner_there() -> None:
     assert rings[0] == [ring[0], (3.0, 0.0), (6.0, 0.0), *ring[1:]]
     assert rings[1:] == [*holes, corner]
     assert touching_at_corners(shapely.Polygon(ring)) == [ring]
-
-
-# --- the text of the model --------------------------------------------------------------------
 
 
 def test_classes_and_codes_are_those_of_the_official_text(official_models: Path) -> None:

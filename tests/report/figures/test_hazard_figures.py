@@ -57,9 +57,6 @@ def classes_on(ax) -> np.ndarray:
     return np.ma.filled(image.get_array().astype(float), np.nan)
 
 
-# --- maps of classes ---------------------------------------------------------------------------
-
-
 def test_a_map_of_classes_has_their_colours_and_names(valley: Grid) -> None:
     figure = map_figure(valley, level_of(valley))
     (image,) = find(figure, "layer")
@@ -103,9 +100,6 @@ def test_zones_are_drawn_in_place_of_cells(valley: Grid) -> None:
     marks = MapMarks(zones=[(shapely.Polygon(ring), LEVELS[0])])
     (zone,) = find(map_figure(valley, level_of(valley), marks), "zone")
     np.testing.assert_allclose(sorted(zone.get_path().vertices[:3].tolist()), sorted(ring.tolist()))
-
-
-# --- side by side ------------------------------------------------------------------------------
 
 
 def test_intensities_side_by_side(valley: Grid) -> None:
@@ -180,8 +174,6 @@ def test_before_after_and_what_changed(valley: Grid) -> None:
     green = axes_of(figure, "map")[2].get_images()[1].cmap(0)
     assert to_hex(green) == LEVEL_CHANGES["lower"][1]
 
-
-# --- hazard curve ------------------------------------------------------------------------------
 
 PRESET = read_preset("ch-so")
 ENERGIES = np.array([0.0, 10.0, 30.0, 100.0, 300.0, 1000.0])
@@ -268,9 +260,6 @@ def test_many_sources_are_brought_together() -> None:
     assert len(leading) == MAX_SOURCES
     assert leading["others (4)"][0] == 4 + 3 + 2 + 1
     assert "s0" not in leading_sources({"s0": ENERGIES * 0.0, "s1": ENERGIES})
-
-
-# --- risk --------------------------------------------------------------------------------------
 
 
 def test_the_largest_risks_stand_on_top() -> None:
