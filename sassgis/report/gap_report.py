@@ -277,7 +277,7 @@ def gap_tables(case: Case, diagnosis: Diagnosis) -> list[ReportTable]:
     ]
 
 
-def _quantity(gap: GapFinding | ModelGap) -> Phrase:
+def _quantity(gap: GapFinding | ModelGap) -> str:
     return words.with_unit_in_brackets(words.quantity_name(gap.quantity), gap.unit)
 
 

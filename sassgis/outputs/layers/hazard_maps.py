@@ -116,8 +116,8 @@ def _intensity(
         for i, (c, span) in enumerate(labels, start=1)
     ]
     bands = [band("intensity", "intensity", codes, when=when)]
-    more = {"stem": stem, "what": what, "when": when}
-    return described_raster("intensity", bands, classes=classes, **more, **words)
+    more = {"what": what, "when": when, **words}
+    return described_raster("intensity", bands, classes=classes, stem=stem, **more)
 
 
 def _energy(

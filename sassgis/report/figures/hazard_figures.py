@@ -20,6 +20,7 @@ from sassgis.hazard.curves import rate_interval, return_period
 from sassgis.hazard.design import Arrivals
 from sassgis.hazard.levels import deciding_energy, hazard_level
 from sassgis.report.figures import style
+from sassgis.report.figures.map_marks import draw_points
 from sassgis.settings.hazard_rules import HazardCurves, HazardPreset
 from sassgis.settings.labels import power_of_ten, thousands
 from sassgis.settings.languages import joined, phrase
@@ -146,8 +147,9 @@ def hazard_curve_figure(
     label = "all release areas and scenarios"
     ax.plot(at, shown(total), color=style.INK, lw=1.8, label=label, zorder=5, gid="total")
     columns = [one.column(e) for e in preset.thresholds_kj]
-    dots = {"mfc": "white", "mec": style.INK, "mew": 1.2, "zorder": 6, "gid": "thresholds"}
-    ax.plot(at[columns], shown(total)[columns], "o", ms=4.5, clip_on=False, **dots)
+    dots = np.column_stack([at[columns], shown(total)[columns]])
+    look = {"clip_on": False, "zorder": 6, "gid": "thresholds"}
+    draw_points(ax, dots, "o", 4.5, "white", style.INK, 1.2, **look)
     _label_axes(ax, preset)
     sheet.legend(ax.get_legend_handles_labels()[0])
     return sheet.figure
