@@ -124,23 +124,12 @@ def test_rasters_are_styled(seen: dict[str, Any]) -> None:
     assert reach["renderer"]["transparent"] == [[0.0, 0.0, 100.0]]
     assert layer(seen, "Passing height, 95 % (m)")["renderer"]["transparent"] == []
     assert layer(seen, "Terrain (relief)")["renderer"]["type"] == "hillshade"
-
-
-@pytest.mark.qgis
-def test_vectors_are_styled(seen: dict[str, Any]) -> None:
-    stops = layer(seen, "Stops")["renderer"]
-    assert (stops["type"], stops["column"]) == ("categorizedSymbol", "reason")
-    assert [entry["value"] for entry in stops["classes"]] == ["rest", "barrier", "left_profile"]
-    assert stops["classes"][1]["colour"] == "#1b9e77"
-    lines = layer(seen, "Fall lines: furthest rock (kJ)")
-    assert lines["renderer"]["type"] == "graduatedSymbol"
-    labels = [entry["label"] for entry in lines["renderer"]["classes"]]
-    assert labels == ["≥ 300 kJ", "30 – 300 kJ", "< 30 kJ"]
-    assert lines["aliases"]["energy_kj"] == "Greatest energy (kJ)"
-    assert layer(seen, "Barriers")["labels"] == "name"
-    signs = layer(seen, "Residual (hatched)")["renderer"]["symbol_layers"]
-    assert signs == ["LinePatternFill", "SimpleFill"]
-    assert layer(seen, "Nothing here")["features"] == 0
+    level = layer(seen, "Hazard level on cells")["renderer"]
+    assert level["type"] == "paletted"
+    assert [tuple(item.values()) for item in level["items"]] == [
+        (4, "#e60000", "elevato"), (3, "#2b6cff", "medio"), (2, "#ffe000", "basso"),
+        (1, "#fff080", "residuo (pale)"),
+    ]  # fmt: skip
 
 
 @pytest.mark.qgis
@@ -155,29 +144,25 @@ def test_layers_opened_by_themselves_bring_the_same_style(seen: dict[str, Any]) 
 
 
 @pytest.mark.qgis
-def test_classes_have_their_names_and_colours(seen: dict[str, Any]) -> None:
-    level = layer(seen, "Hazard level on cells")
-    assert level["renderer"]["type"] == "paletted"
-    assert level["renderer"]["items"] == [
-        {"value": 4, "colour": "#e60000", "label": "elevato"},
-        {"value": 3, "colour": "#2b6cff", "label": "medio"},
-        {"value": 2, "colour": "#ffe000", "label": "basso"},
-        {"value": 1, "colour": "#fff080", "label": "residuo (pale)"},
-    ]
-    zones = layer(seen, "Hazard level")["renderer"]
-    assert (zones["type"], zones["column"]) == ("categorizedSymbol", "hazard_level")
-    assert [(c["value"], c["label"], c["colour"]) for c in zones["classes"][:3]] == [
-        ("substantial", "elevato", "#e60000"),
-        ("mean", "medio", "#2b6cff"),
-        ("slight", "basso", "#ffe000"),
-    ]
-    assert [c["value"] for c in zones["classes"]][3:] == ["residual_hazard"]
-    labels = [c["label"] for c in layer(seen, "Intensity, 100 years")["renderer"]["classes"]]
-    assert labels == ["high (300 kJ and more)", "mean (30 to 300 kJ)", "low (below 30 kJ)"]
-    change = layer(seen, "Change of level by the barriers")["renderer"]["classes"]
-    assert [c["value"] for c in change] == ["higher", "same", "lower"]
-    uncertain = layer(seen, "Level not settled")["renderer"]
-    assert uncertain["symbol_layers"] == ["LinePatternFill", "SimpleFill"]
+def test_vectors_have_their_classes_in_their_colours(seen: dict[str, Any]) -> None:
+    kinds = {"simple": "single", "categories": "categorized", "ranges": "graduated"}
+    for own in (*made_up.vector_layers().values(), *made_up.zone_layers().values()):
+        found, style = layer(seen, own.title), own.style
+        drawn = found["renderer"]
+        assert drawn["type"] == f"{kinds[style.method]}Symbol"
+        assert drawn.get("column", "") == style.column
+        assert found["labels"] == (style.label_column or None)
+        assert found["features"] == len(own.frame)
+        assert {k: found["aliases"][k] for k in own.fields} == {
+            k: info.label for k, info in own.fields.items()
+        }
+        classes = style.classes[::-1] if style.method == "ranges" else style.classes
+        for entry, shown in zip(classes, drawn.get("classes", []), strict=True):
+            assert shown["label"] == entry.label
+            # What is hatched is lines over white.
+            assert entry.symbol.hatch or shown["colour"] == entry.symbol.colour
+        if style.method == "simple" and style.symbol.hatch:
+            assert drawn["symbol_layers"] == ["LinePatternFill", "SimpleFill"]
 
 
 @pytest.mark.qgis
