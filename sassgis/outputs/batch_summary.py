@@ -17,11 +17,7 @@ _NOT_RUN, _SKIPPED = "not run", "skipped: "
 
 
 class BatchSummary:
-    """The table of all areas, written anew whenever one is done.
-
-    ``areas`` are names and files by the name of the area's folder, which stands below that of the
-    table; ``levels`` are codes of the hazard levels.
-    """
+    """The table of all areas (name and file by folder), written anew whenever one is done."""
 
     def __init__(
         self, path: Path, areas: Mapping[str, tuple[str, str]], levels: Sequence[str]
@@ -47,11 +43,7 @@ class BatchSummary:
         zones_m2: Mapping[str, float],
         seconds: float | None,
     ) -> None:
-        """Note an area that was run, or that was there already (``seconds`` None).
-
-        The facts are "points", "rocks" and "furthest_m"; the areas of zones are by code of the
-        level.
-        """
+        """Note an area that was run, or was there already (``seconds`` None); zones by code."""
         self._rows[folder] |= {
             "status": "done",
             "folder": folder,

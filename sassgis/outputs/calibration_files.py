@@ -124,14 +124,9 @@ def class_provenance(calibration: SiteCalibration, name: str) -> str:
 
 
 def write_calibrated_config(path: Path, config: Config, calibration: SiteCalibration) -> Path:
-    """Write a configuration with the recommended ground.
+    """Write a configuration with the recommended ground: the fitted classes or what was configured.
 
-    That is the table of fitted classes next to it, or what was configured.
-
-    Raises
-    ------
-    ConfigError, InputError
-        If the result could not be used in a run.
+    ConfigError, InputError if the result could not be used in a run.
     """
     document = written_document(config, path)
     if calibration.recommended:

@@ -59,11 +59,7 @@ Given = Iterable[tuple[str, Mapping[str, object]]]
 
 
 def short_template(given: Given = ()) -> str:
-    """Return the few lines that every site must decide.
-
-    Keys that are ``given`` come with these values, and sections that are not among the few are
-    added.
-    """
+    """Return the few lines that every site must decide, and the sections ``given``."""
     keys = declared_sections()
     sections: list[tuple[str, dict[str, str]]] = []
     for name, short in _SHORT.items():
@@ -94,10 +90,7 @@ def _bracketed(section: str) -> str:
 
 
 def config_template(given: Given = ()) -> str:
-    """Return a commented configuration with every key; it loads once its paths are filled in.
-
-    What is ``given`` stands in place of defaults and examples.
-    """
+    """Return a commented configuration with every key; what is ``given`` replaces examples."""
     known = {name: dict(values) for name, values in given}
     parts = [_HEAD]
     for name, keys in declared_sections().items():
@@ -189,10 +182,7 @@ def save_config(config: Config, path: str | PathLike[str], *, overwrite: bool = 
 
 
 def written_document(config: Config, path: Path, overwrite: bool = False) -> dict[str, Any]:
-    """Return the document of a configuration that is to be written to ``path``.
-
-    What is in memory is written next to it.
-    """
+    """Return a configuration as a document for ``path``; writes inputs in memory beside it."""
     # Symbolic links are followed: the way up from the new place counts real folders.
     base, place = Path(os.path.realpath(config.base)), Path(os.path.realpath(path)).parent
 

@@ -51,21 +51,6 @@ def passage_frame(rows: BlockRows, run: MapRun, planned: Plan) -> pd.DataFrame:
     return frame if run.followed else frame.drop(columns=list(_PLACE))
 
 
-def profile_rock_frame(result: ProfileResult, scenarios: Sequence[str]) -> pd.DataFrame:
-    """Return a row per block of a profile, fragments and entrained blocks included."""
-    scenario = np.concatenate([result.scenario, result.piece_scenario])
-    ended = np.concatenate([result.rocks, result.pieces])
-    return _columns(ended, np.array(scenarios)[scenario]).drop(columns="line")
-
-
-def profile_passage_frame(result: ProfileResult, scenarios: Sequence[str]) -> pd.DataFrame:
-    """Return a row per block and station or barrier of a profile."""
-    scenario = np.array(scenarios)[result.passage_scenario]
-    frame = _columns(result.passages, scenario).drop(columns=["line", *_PLACE])
-    _name_control_lines(frame, [line.name for line, _ in result.profile.control_lines])
-    return frame
-
-
 def same(*names: str) -> dict[str, str]:
     """Return columns that are called as the attributes that they hold."""
     return dict(zip(names, names, strict=True))
@@ -74,10 +59,7 @@ def same(*names: str) -> dict[str, str]:
 def table_of(
     rows: Sequence[object], columns: Mapping[str, str], digits: Mapping[str, int]
 ) -> pd.DataFrame:
-    """Return a row for each thing: its attributes by the names of their columns.
-
-    Numbers in the columns that ``digits`` names are rounded to so many.
-    """
+    """Return a row for each thing, columns by attribute; those in ``digits`` rounded."""
     values = {name: [attrgetter(own)(row) for row in rows] for name, own in columns.items()}
     values |= {name: [rounded(v, n) for v in values[name]] for name, n in digits.items()}
     return pd.DataFrame(values)
@@ -115,21 +97,24 @@ def profile_tables(result: ProfileResult, scenarios: Sequence[str]) -> ProfileTa
         pd.DataFrame({"path": k, "s_m": s, "z_m": z}) for k, (s, z) in enumerate(result.paths, 1)
     ]
     none = pd.DataFrame({"path": [], "s_m": [], "z_m": []})
+    ended = np.concatenate([result.rocks, result.pieces])
+    names, own = np.array(scenarios), np.concatenate([result.scenario, result.piece_scenario])
+    passages = _columns(result.passages, names[result.passage_scenario])
+    _name_control_lines(passages, [line.name for line, _ in result.profile.control_lines])
     return ProfileTables(
-        profile_rock_frame(result, scenarios),
-        profile_passage_frame(result, scenarios),
+        _columns(ended, names[own]).drop(columns="line"),
+        passages.drop(columns=["line", *_PLACE]),
         pd.DataFrame(along),
         pd.concat(paths, ignore_index=True) if paths else none,
     )
 
 
-def _columns(rows: NDArray[np.void], scenario: NDArray[np.str_] | None = None) -> pd.DataFrame:
+def _columns(rows: NDArray[np.void], scenario: NDArray[np.str_]) -> pd.DataFrame:
     frame = pd.DataFrame({name: rows[name] for name in rows.dtype.names or ()})
     for column, kind in (("reason", StopReason), ("outcome", Outcome)):
         if column in frame:
             frame[column] = [kind(int(own)).name.lower() for own in frame[column]]
-    if scenario is not None:
-        frame.insert(0, "scenario", scenario)
+    frame.insert(0, "scenario", scenario)
     return frame
 
 
@@ -147,10 +132,7 @@ _FORMULA = ("=", "+", "-", "@", "\t", "\r")
 
 
 def without_formulas(frame: pd.DataFrame) -> pd.DataFrame:
-    """Return a table whose texts no spreadsheet computes.
-
-    An apostrophe stands before what it would.
-    """
+    """Return a table with an apostrophe before texts that a spreadsheet would compute."""
 
     def text(value: object) -> object:
         if not isinstance(value, str):
@@ -166,10 +148,7 @@ def without_formulas(frame: pd.DataFrame) -> pd.DataFrame:
 
 
 def _not_empty(frames: Iterable[pd.DataFrame]) -> Iterator[pd.DataFrame]:
-    """Yield frames that have rows; an empty one if all are.
-
-    Arrow knows no type of a column of texts that has none.
-    """
+    """Yield frames with rows, or an empty one: Arrow knows no type of texts without any."""
     empty, some = None, False
     for frame in frames:
         if len(frame):

@@ -20,15 +20,7 @@ from sassgis.inputs.ground_map import read_ground_table
 from sassgis.inputs.in_memory import classes_frame
 from sassgis.outputs.config_template import written_document
 from sassgis.outputs.geopackage import write_geopackage
-from sassgis.outputs.layers.gap_map import (
-    fall_line_layer,
-    gap_points,
-    gap_stretches,
-    impact_layer,
-    stand_layer,
-    station_layer,
-    stop_layer,
-)
+from sassgis.outputs.layers import gap_map
 from sassgis.outputs.manifest import plain
 from sassgis.settings.ground import PARAMETERS, GroundClass, GroundTable
 from sassgis.settings.run_config import Config
@@ -47,12 +39,10 @@ def write_diagnosis_json(path: Path, diagnosis: Diagnosis) -> None:
 
 
 def write_gap_gpkg(path: Path, case: Case, diagnosis: Diagnosis) -> None:
-    """Write ``gap.gpkg``: where observed and simulated rocks part, on the map.
+    """Write a new ``gap.gpkg``: where observed and simulated rocks part, on the map.
 
-    Layers ``gap_stretches`` (findings that belong to a stretch: that stretch of every fall line),
-    ``gap_points`` (findings at a station), ``stations``, ``fall_lines``, ``stops``, ``impacts``
-    and, if the named effect brings one, ``stand``. Findings without a place on the map ("all",
-    kinds of ground) are points at the coordinates that they state. The file must not exist.
+    Findings of a stretch lie on every fall line; those without a place on the map ("all", kinds of
+    ground) are points at the coordinates that they state.
     """
     verdict = diagnosis.verdict
     metadata = {
@@ -65,13 +55,13 @@ def write_gap_gpkg(path: Path, case: Case, diagnosis: Diagnosis) -> None:
         "settings_hash": diagnosis.settings_hash,
     }
     layers = [
-        gap_points(case, diagnosis),
-        gap_stretches(case, diagnosis),
-        station_layer(case),
-        fall_line_layer(case),
-        stop_layer(case, diagnosis),
-        impact_layer(case),
-        stand_layer(case, diagnosis.effect),
+        gap_map.gap_points(case, diagnosis),
+        gap_map.gap_stretches(case, diagnosis),
+        gap_map.station_layer(case),
+        gap_map.fall_line_layer(case),
+        gap_map.stop_layer(case, diagnosis),
+        gap_map.impact_layer(case),
+        gap_map.stand_layer(case, diagnosis.effect),
     ]
     write_geopackage(path, [own for own in layers if own is not None], metadata)
 
@@ -79,8 +69,7 @@ def write_gap_gpkg(path: Path, case: Case, diagnosis: Diagnosis) -> None:
 def write_config_back(path: Path, config: Config, diagnosis: Diagnosis, case: Case) -> Path:
     """Write the user's configuration with the calibrated ground and the named effect.
 
-    A ground-class table and, for fitted trees, a forest are written next to it, in a folder that is
-    made. Files that the configuration names are named relative to the new place. ConfigError or
+    A ground-class table and, for fitted trees, a forest are written next to it. ConfigError or
     InputError if the result could not be used in a run.
     """
     calibrated = diagnosis.effect
@@ -99,7 +88,7 @@ def write_config_back(path: Path, config: Config, diagnosis: Diagnosis, case: Ca
             stands = {k: v for k, v in given.items() if k in known}
             own = {**stands, **own}
         effects[family] = own
-    stand = stand_layer(case, calibrated)
+    stand = gap_map.stand_layer(case, calibrated)
     if stand is not None:
         write_geopackage(path.parent / FOREST_NAME, [stand])
         trees = effects.setdefault("trees", {})
@@ -188,12 +177,7 @@ def _comments(
 def classes_csv(
     table: GroundTable, configured: GroundTable, provenance: Callable[[GroundClass], str]
 ) -> str:
-    """Return a table of ground classes.
-
-    Those that were changed get their provenance and what was before.
-
-    ``provenance`` gives a sentence for a class that was changed.
-    """
+    """Return a table of ground classes; changed ones with a sentence and what was before."""
     before = {c.name: c for c in configured.classes}
     classes = []
     for own in table.classes:

@@ -36,13 +36,9 @@ def write_geopackage(
     """Write layers, their styles and a table of metadata into a new GeoPackage (version 1.3).
 
     Each layer has its title as IDENTIFIER, a description, a QGIS style in ``layer_styles`` and its
-    columns' aliases, units and descriptions in ``gpkg_data_columns``; the metadata (key, value) are
-    in ``run_metadata``. Equal input gives equal bytes with the same versions of GDAL and SQLite.
-
-    Raises
-    ------
-    ValueError
-        If a layer holds another kind of geometry than its style draws, or names repeat.
+    columns' aliases, units and descriptions in ``gpkg_data_columns``; the metadata are in
+    ``run_metadata``. Equal input gives equal bytes with the same versions of GDAL and SQLite.
+    ValueError if a layer holds another kind of geometry than its style draws, or names repeat.
     """
     layers = [translated_vector(layer) for layer in layers]
     names = [layer.name for layer in layers]
@@ -187,10 +183,7 @@ def _write_domain(database: sqlite3.Connection, table: str, column: str, info: F
 def register_columns(
     database: sqlite3.Connection, columns: Sequence[tuple[str, str, str, str]]
 ) -> None:
-    """Register titles and descriptions of columns by the GeoPackage schema extension.
-
-    GDAL calls the titles alternative names.
-    """
+    """Register titles (GDAL: alternative names) and descriptions by the schema extension."""
     tables = ("gpkg_data_columns", "gpkg_data_column_constraints")
     _create(database, *tables, "gpkg_extensions")
     database.executemany(

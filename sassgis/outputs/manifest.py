@@ -52,25 +52,9 @@ def write_manifest(
 
     It is the last file of a result to be written, as it lists the others with their digests: these
     files, and no others, may be replaced later. It holds no time and no path of the machine: equal
-    runs give equal manifests.
-
-    Parameters
-    ----------
-    path : Path
-        ``manifest.json`` in the folder of the result.
-    inputs : mapping of role ("dem", "release", ...) to file, folder, or what was in memory
-        Sidecar files (of a shapefile, for example) are listed with them.
-    base : Path
-        Folder of the configuration; inputs are named relative to it.
-    crs, vertical_datum, preset : str
-        Horizontal system as well-known text, names of the heights and of the hazard preset.
-    ref_widths_m : mapping of str to float
-        Reference width of the "reach_probability" and of the "hazard" (m), where there are any.
-    settings
-        All settings of the run with their defaults filled in: a mapping, or a dataclass.
-    counts, warnings, checks
-        Of release points, fall lines, blocks, and so on; what the run reported to the user; what it
-        found of its own numerics.
+    runs give equal manifests. Inputs are by role ("dem", "release", ...) and are named relative to
+    ``base`` with their sidecar files. Reference widths (m) are those of "reach_probability" and
+    "hazard"; the settings have their defaults filled in.
     """
     plain_settings = plain(settings)
     content: dict[str, object] = {

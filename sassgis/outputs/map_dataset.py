@@ -24,9 +24,8 @@ def maps_dataset(
 ) -> xr.Dataset:
     """Return maps on a grid; NaN where they say nothing.
 
-    A band has the name of its map, with its own where the map has several. Each variable has
-    ``long_name``, ``units`` and ``comment`` (what its numbers mean: denominator, reference width),
-    maps of classes also ``flag_values`` and ``flag_meanings``.
+    Each variable has ``long_name``, ``units`` and ``comment`` (denominator, reference width), maps
+    of classes also ``flag_values`` and ``flag_meanings``.
     """
     found = {}
     for layer in layers:

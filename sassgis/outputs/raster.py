@@ -44,18 +44,11 @@ def write_raster(layer: RasterLayer, grid: Grid, folder: Path) -> Path:
     """Write a map as ``<stem>.tif`` and its style as ``<stem>.qml``; returns the first.
 
     The file is a Cloud-Optimised GeoTIFF: float32, nodata -9999, deflate, tiled. A map of classes
-    is written as whole numbers, in the smallest type that holds its classes: uint8 with nodata 255
-    as a rule (else :data:`CLASS_NODATA`), in the colours of its classes, which are named in its tag
-    CLASSES. If another band of it holds fractions, all its bands are float32. The overviews
-    of classes are made of values that occur (the most frequent one), so that a class seen from afar
-    is one of the map; those of numbers are means. The descriptions and units of the bands and the
-    title and note of the layer are in its tags.
-
-    Raises
-    ------
-    ValueError
-        If a band does not have the shape of the grid, or there is none; or if a map of classes
-        holds a number above 0 that is no class.
+    is of the smallest type that holds them, as a rule uint8 with nodata 255 (else
+    :data:`CLASS_NODATA`), in their colours, which its tag CLASSES names; float32 if another band
+    holds fractions. Overviews of classes show the most frequent one, those of numbers the mean.
+    Tags hold titles, notes and units. ValueError for bands of another shape than the grid, none, or
+    a number above 0 that is no class.
     """
     if not layer.bands:
         raise ValueError(f"the map {layer.stem} has no band")
@@ -154,7 +147,6 @@ def _describe(dataset: Any, layer: RasterLayer, grid: Grid, number_type: str) ->
     if grid.vertical_datum:
         dataset.update_tags(VERTICAL_DATUM=grid.vertical_datum)
     for number, band in enumerate(layer.bands, start=1):
-        # What QGIS lists as the band: its description with the unit.
         text = band.description or band.name
         united = f"{text} ({band.unit})" if band.unit and band.unit not in ("1", text) else text
         dataset.set_band_description(number, united)
@@ -170,10 +162,6 @@ def _describe(dataset: Any, layer: RasterLayer, grid: Grid, number_type: str) ->
 def _stored(band: Band, number_type: str, nodata: float) -> NDArray[Any]:
     """Return values of a band as they are in the file."""
     return np.where(np.isfinite(band.values), band.values, nodata).astype(number_type)
-
-
-# ---------------------------------------------------------------------------------------------
-# Block by block, so that no map is ever in memory as a whole
 
 
 @dataclass(frozen=True, slots=True)
@@ -287,13 +275,7 @@ def write_over_relief(
     abstract: str,
     zones: LayerEntry | None = None,
 ) -> None:
-    """Write maps and ``project.qgz``, in which the first map is seen, or zones in its place.
-
-    Parameters
-    ----------
-    group : str
-        Heading of the maps.
-    """
+    """Write maps and ``project.qgz``, in which the first map is seen, or zones in its place."""
     terrain = terrain_layer(grid)
     for layer in (*maps, terrain):
         write_raster(layer, grid, work / "maps")

@@ -128,9 +128,8 @@ def write_rockyfor3d_site(
 ) -> tuple[list[Path], list[str]]:
     """Write a configuration from a folder of Rockyfor3D, and next to it what it is made into.
 
-    Assignments are keys that the user sets, as ``terrain.crs=EPSG:2056``. Files that are there
-    already are replaced with ``overwrite`` only. Returns the files, and what their user must know
-    of them.
+    Assignments are keys that the user sets, as ``terrain.crs=EPSG:2056``. Returns the files, and
+    what their user must know of them.
     """
     terrain = dict(with_values([("terrain", {})], assignments))["terrain"]
     dem = rasters_of(folder).get("dem", folder / "dem.asc")
@@ -155,13 +154,7 @@ def write_rockyfor3d_site(
 
 
 def sample_folder() -> Path:
-    """Return the folder of the samples: in the installed package, or next to it in a source tree.
-
-    Raises
-    ------
-    InputError
-        If the installation has none.
-    """
+    """Return the folder of the samples, of the package or the source tree; InputError if none."""
     package = Path(sassgis.__file__).resolve().parent
     for folder in (package / "data" / "sample_dem", package.parent / "sample_dem"):
         if (folder / "valley" / "config.toml").is_file():

@@ -58,25 +58,19 @@ class TileOffer:
     resolution_m: float
 
 
-# ---------------------------------------------------------------------------------------------
-# What is offered
-
-
 def read_search_area(file: Path, layer: str | None = None) -> Any:
     """Return the polygons of a file, or of a layer of it, as one geometry in WGS 84 (degrees)."""
     frame: gpd.GeoDataFrame = open_layer(file, layer, "polygon", {})
     if frame.crs is None:
-        raise InputError(
-            "has no coordinate system", file=file, expected="one, so that it can be found on Earth"
-        )
-    shapes = [g for g in frame.to_crs("EPSG:4326").geometry if g is not None and not g.is_empty]
-    kinds = sorted({g.geom_type for g in shapes} - {"Polygon", "MultiPolygon"})
-    if kinds or not shapes:
-        raise InputError(
-            "holds no polygons", file=file, found=", ".join(kinds) or "nothing",
-            expected="the area as polygons",
-        )  # fmt: skip
-    return shapely.union_all([shapely.force_2d(shapely.make_valid(g)) for g in shapes])
+        expected = "one, so that it can be found on Earth"
+        raise InputError("has no coordinate system", file=file, expected=expected)
+    shapes = frame.to_crs("EPSG:4326").geometry.dropna()
+    shapes = shapes[~shapes.is_empty]
+    kinds = sorted({*shapes.geom_type} - {"Polygon", "MultiPolygon"})
+    if kinds or shapes.empty:
+        found, expected = ", ".join(kinds) or "nothing", "the area as polygons"
+        raise InputError("holds no polygons", file=file, found=found, expected=expected)
+    return shapely.union_all(shapely.force_2d(shapely.make_valid(shapes.to_numpy())))
 
 
 def find_tiles(
@@ -100,19 +94,20 @@ def find_tiles(
         if shapely.geometry.shape(item.get("geometry") or area).intersects(area)
         for offer in _offers(item, url)
     ]
-    fit = [offer for offer in offers if abs(offer.resolution_m - resolution_m) < 1e-6]
-    if not fit:
+    newest = {
+        offer.place: offer
+        for offer in sorted(offers, key=lambda o: (o.date, o.file))
+        if abs(offer.resolution_m - resolution_m) < 1e-6
+    }
+    if newest:
+        return tuple(newest[place] for place in sorted(newest))
+    if offers:
         others = ", ".join(f"{r:g}" for r in sorted({offer.resolution_m for offer in offers}))
-        west, south, east, north = area.bounds
-        raise InputError(
-            "offers no tile of this resolution here" if others else "offers no tile here",
-            file=server,
-            found=f"cells of {others} m" if others
-            else f"nothing over {west:.4f}, {south:.4f} to {east:.4f}, {north:.4f}",
-            expected="another --resolution" if others else "a polygon in the area of the data",
-        )  # fmt: skip
-    newest = {o.place: o for o in sorted(fit, key=lambda o: (o.date, o.file))}
-    return tuple(newest[place] for place in sorted(newest))
+        problem, found = "offers no tile of this resolution here", f"cells of {others} m"
+        raise InputError(problem, file=server, found=found, expected="another --resolution")
+    found = "nothing over {:.4f}, {:.4f} to {:.4f}, {:.4f}".format(*area.bounds)
+    expected = "a polygon in the area of the data"
+    raise InputError("offers no tile here", file=server, found=found, expected=expected)
 
 
 def _items(url: str, bounds: Sequence[float], timeout_s: float) -> list[dict[str, Any]]:
@@ -126,22 +121,18 @@ def _items(url: str, bounds: Sequence[float], timeout_s: float) -> list[dict[str
         raise InputError(
             "dem fetch needs pystac-client", expected="pip install 'sassgis[stac]'"
         ) from None
-    asked = {"bbox": list(bounds), "limit": _PAGE, "max_items": _ITEMS}
     service = StacApiIO(timeout=timeout_s, max_retries=None)
-    search = ItemSearch(url, method="GET", stac_io=service, **asked)
+    area = {"bbox": list(bounds), "limit": _PAGE, "max_items": _ITEMS}
     try:
-        items = list(search.items_as_dicts())
+        items = list(ItemSearch(url, method="GET", stac_io=service, **area).items_as_dicts())
     except APIError as error:
         raise _refusal(url, getattr(error, "status_code", None), str(error)) from None
     except (ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:
-        raise InputError(
-            "does not answer as a STAC interface", file=url, found=str(error)[:80],
-            expected="pages with features in JSON",
-        ) from None  # fmt: skip
+        problem, expected = "does not answer as a STAC interface", "pages with features in JSON"
+        raise InputError(problem, file=url, found=str(error)[:80], expected=expected) from None
     if len(items) >= _ITEMS:
-        raise InputError(
-            "its pages do not end", file=url, found=f"{_ITEMS} items", expected="a smaller polygon"
-        )
+        problem, found = "its pages do not end", f"{_ITEMS} items"
+        raise InputError(problem, file=url, found=found, expected="a smaller polygon")
     return items
 
 
@@ -153,15 +144,12 @@ def _check_address(url: str) -> None:
 def _refusal(url: str, code: int | None, reason: str) -> InputError:
     """Return one line for a server that refuses (an HTTP code) or cannot be reached (none)."""
     if code is None:
-        return InputError(
-            f"no answer from {urlsplit(url).netloc}", file=url, found=reason[:160],
-            expected="a connection to the internet",
-        )  # fmt: skip
-    busy = code >= 500 or code == 429
-    return InputError(
-        "the server is busy or out of order" if busy else "the server refuses", file=url,
-        found=f"HTTP {code}", expected="try again later" if busy else "an address that exists",
-    )  # fmt: skip
+        problem, found = f"no answer from {urlsplit(url).netloc}", reason[:160]
+        return InputError(problem, file=url, found=found, expected="a connection to the internet")
+    problem, expected = "the server refuses", "an address that exists"
+    if code >= 500 or code == 429:
+        problem, expected = "the server is busy or out of order", "try again later"
+    return InputError(problem, file=url, found=f"HTTP {code}", expected=expected)
 
 
 def _offers(item: dict[str, Any], url: str) -> Iterator[TileOffer]:
@@ -180,10 +168,6 @@ def _offers(item: dict[str, Any], url: str) -> Iterator[TileOffer]:
             yield TileOffer(name, href, date, str(checksum).lower(), place, float(sizes[0]))
 
 
-# ---------------------------------------------------------------------------------------------
-# What is fetched
-
-
 def fetch_terrain(
     offers: Sequence[TileOffer],
     folder: Path,
@@ -192,27 +176,23 @@ def fetch_terrain(
     most: int,
     say: Callable[[str], None],
 ) -> Path:
-    """Fetch tiles into a folder and put them together.
+    """Fetch tiles into a folder, made if missing; returns ``terrain.vrt``, which joins them.
 
-    Tiles that are there are kept. The virtual raster is written last, when all tiles are whole. The
-    folder is made if missing; more than ``most`` tiles are refused; ``say`` is called with a line
-    for each.
-
-    Returns the path of ``terrain.vrt``. Beside it ``sources.json`` says where each tile comes from.
+    Tiles that are there are kept; the virtual raster is written last. More than ``most`` tiles are
+    refused; ``say`` gets a line for each. ``sources.json`` says where each tile comes from.
     """
     if len(offers) > most:
-        raise InputError(
-            "too many tiles", field="--most", found=f"{len(offers)} tiles",
-            expected=f"{most} or fewer: a smaller polygon, a coarser --resolution, or more --most",
-        )  # fmt: skip
+        expected = f"{most} or fewer: a smaller polygon, a coarser --resolution, or more --most"
+        found = f"{len(offers)} tiles"
+        raise InputError("too many tiles", field="--most", found=found, expected=expected)
     with writing(folder):
         folder.mkdir(parents=True, exist_ok=True)
     for number, offer in enumerate(offers, start=1):
         try:
             fetched = _fetch(offer, folder, timeout_s)
         except InputError as error:
-            where = f"tile {number} of {len(offers)}"
-            problem = f"{where}: {error.problem}; run the same command to resume"
+            problem = f"{error.problem}; run the same command to resume"
+            problem = f"tile {number} of {len(offers)}: {problem}"
             raise InputError(**error.parts(problem=problem)) from None
         say(f"{number}/{len(offers)} {offer.file} {'fetched' if fetched else 'is there'}")
     terrain = open_tiles([folder / o.file for o in offers], folder)
@@ -222,10 +202,7 @@ def fetch_terrain(
 
 
 def _fetch(offer: TileOffer, folder: Path, timeout_s: float) -> bool:
-    """Fetch a tile, a few times if it is damaged; False if a whole one was there already.
-
-    Until the tile is whole and checked its name ends in ``.part``.
-    """
+    """Fetch a tile, ``.part`` until it is whole and checked; False if it was there already."""
     target, part = folder / offer.file, folder / f"{offer.file}.part"
     if target.exists():
         if wrong := _damage(offer, target):
@@ -244,10 +221,11 @@ def _fetch(offer: TileOffer, folder: Path, timeout_s: float) -> bool:
                 return True
     finally:
         part.unlink(missing_ok=True)
-    raise InputError(
-        "what the server sends is damaged or breaks off", file=offer.href, found=wrong,
-        expected="a whole GeoTIFF; try again later",
-    )  # fmt: skip
+    problem, expected = (
+        "what the server sends is damaged or breaks off",
+        "a whole GeoTIFF; try again later",
+    )
+    raise InputError(problem, file=offer.href, found=wrong, expected=expected)
 
 
 def _download(offer: TileOffer, part: Path, timeout_s: float) -> str:
@@ -300,10 +278,10 @@ def write_vrt(file: Path, terrain: Terrain) -> Path:
     for tile in reversed(terrain.tiles):
         with open_raster(tile.dem.file, "terrain.dem") as raster:
             at = tile.dem.band - 1
-            stored, block = raster.dtypes[at], raster.block_shapes[at]
             place = seen_from(file.resolve().parent, Path(str(tile.dem.file)).resolve())
-            source = {"tile": tile, "file": place, "block": block, "nodata": raster.nodata}
-            sources.append({**source, "stored": stored, "kind": _TYPES.get(stored, "Float32")})
+            source = {"tile": tile, "file": place, "stored": raster.dtypes[at]}
+            source |= {"block": raster.block_shapes[at], "nodata": raster.nodata}
+            sources.append({**source, "kind": _TYPES.get(raster.dtypes[at], "Float32")})
     alike = len({source["stored"] for source in sources}) == 1
     kind = sources[0]["kind"] if alike else "Float64"
     root = filled("terrain.vrt.j2", terrain=terrain, sources=sources, kind=kind, nodata=_NODATA)

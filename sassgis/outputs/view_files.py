@@ -35,13 +35,10 @@ _REPEATED = (f'<SimpleField name="{_STYLE}"', f'<SimpleData name="{_STYLE}"')
 
 
 def export_view(result_folder: Path, target: Path, layer: str, *, overwrite: bool = False) -> str:
-    """Write the hazard zones, or paths of blocks in space, as GeoJSON or KML.
+    """Write hazard zones, or paths of blocks in space, as GeoJSON or KML; says what it wrote.
 
-    Says what was written.
-
-    Heights of paths are those of the terrain model; nothing is converted to heights above the
-    ellipsoid. Equal results give equal files with the same version of GDAL. The suffix names the
-    format: one of :data:`FORMATS`.
+    Heights of paths are those of the terrain model. Equal results give equal files with the same
+    version of GDAL. The suffix names the format: one of :data:`FORMATS`.
     """
     driver = FORMATS.get(target.suffix.lower())
     if driver is None:

@@ -100,9 +100,9 @@ def places_table(
 ) -> pd.DataFrame:
     """Tabulate what reaches each line and its copies along the slope.
 
-    ``design`` is the design_table of the lines and their copies; ``moved`` says for each row the
-    line, how far downslope it was moved, and the mean height of the ground there (m).
-    ``released_per_year`` is the onset frequency of all sources together; with 0 there is no share.
+    ``design`` is the design_table of all; ``moved`` says for each row the line, how far downslope
+    it was moved, and the mean height of the ground there (m). ``released_per_year`` may be 0: no
+    share.
     """
     places = pd.DataFrame(list(moved), columns=["line", "moved_m", "ground_m"])
     released = released_per_year or float("nan")

@@ -12,19 +12,10 @@ from sassgis.gap.fit.class_calibration import SiteCalibration, SiteResult
 from sassgis.gap.fit.distances import Interval
 from sassgis.gap.fit.identifiability import Fitted
 from sassgis.gap.words import with_unit_in_brackets
+from sassgis.report import page
 from sassgis.report.figures.calibration_figures import parameters_figure, quantity_curves_figure
 from sassgis.report.gap_answer import interval_text
 from sassgis.report.gap_report import FEW_ROCKS
-from sassgis.report.page import (
-    Cell,
-    ReportAnswer,
-    ReportContext,
-    ReportFigure,
-    ReportTable,
-    heads,
-    sensible,
-    table_of,
-)
 from sassgis.report.pictures import picture
 from sassgis.settings.labels import ground_name
 from sassgis.settings.languages import joined, phrase, translated
@@ -33,7 +24,7 @@ from sassgis.settings.languages import joined, phrase, translated
 _PANELS = 6
 #: "low" and "high" alone are words of intensities.
 _LIMITS = {"low": "lower", "high": "upper", "": "–"}
-_MEANING = ReportAnswer(
+_MEANING = page.ReportAnswer(
     "How to read this",
     (
         "The observed rocks were simulated with many sets of parameters. Means, scatters and "
@@ -55,7 +46,7 @@ def verdict(calibration: SiteCalibration) -> str:
     for site in calibration.sites:
         if site.errors:
             e = next((own for own in site.errors if own.name == "run-out"), site.errors[0])
-            crps = (sensible(e.crps[m], 2) for m in ("before", "after", "left out"))
+            crps = (page.sensible(e.crps[m], 2) for m in ("before", "after", "left out"))
             text = "{}: CRPS of the {} {} {unit} before, {} after, {} on rocks left out."
             sentences.append(phrase(text, site.name, phrase(e.name), *crps, unit=e.unit))
     return joined(" ", sentences)
@@ -98,20 +89,20 @@ def calibration_report(
     *,
     configurations: Sequence[str],
     warnings: Sequence[str],
-) -> ReportContext:
+) -> page.ReportContext:
     """Draw the figures into ``folder`` and put the report together."""
     sites = joined(", ", (phrase("{} ({} rocks)", s.name, s.rocks) for s in calibration.sites))
     labels = [f.parameter.label for f in calibration.fitted]
-    common = table_of(
+    common = page.table_of(
         "Common parameters and those that fit each site best",
-        (*heads("site; score, common; score, own"), *((label, "") for label in labels)),
+        (*page.heads("site; score, common; score, own"), *((label, "") for label in labels)),
         (
             (s.name, s.score, s.own_score, *(float(f"{s.own[k]:.3g}") for k in labels))
             for s in calibration.sites
         ),
         "Score: energy score, mean over the rocks; less is better.",
     )
-    return ReportContext(
+    return page.ReportContext(
         title=translated("Calibrated ground classes"),
         subtitle=sites,
         verdict=verdict(calibration),
@@ -134,13 +125,13 @@ def calibration_report(
         tables=(
             _score_table(calibration),
             *(_error_table(site) for site in calibration.sites),
-            table_of(
+            page.table_of(
                 "Parameters that make up for each other",
                 "one; other; correlation",
                 ((t.one, t.other, f"{t.correlation:+.2f}") for t in calibration.trade_offs),
                 "Above 0: more of both fits as well; below 0: more of one and less of the other.",
             ),
-            table_of(
+            page.table_of(
                 "Other combinations that fit as well",
                 ((label, "") for label in labels),
                 ((float(f"{one[k]:.3g}") for k in labels) for one in calibration.as_good),
@@ -152,7 +143,7 @@ def calibration_report(
     )
 
 
-def _figures(calibration: SiteCalibration, folder: Path) -> list[ReportFigure]:
+def _figures(calibration: SiteCalibration, folder: Path) -> list[page.ReportFigure]:
     caption = (
         "Line: range of the search. Bar: 95 % interval; dot: calibrated; upright stroke: "
         "configured. Grey: not identified."
@@ -175,8 +166,8 @@ def _figures(calibration: SiteCalibration, folder: Path) -> list[ReportFigure]:
     return found
 
 
-def _parameter_table(fitted: Sequence[Fitted]) -> ReportTable:
-    return table_of(
+def _parameter_table(fitted: Sequence[Fitted]) -> page.ReportTable:
+    return page.table_of(
         "Calibrated parameters",
         "class; parameter; configured; spread between sites; calibrated; 95 % interval; "
         "limits of the search; identified; at a limit",
@@ -195,14 +186,14 @@ def _parameter_table(fitted: Sequence[Fitted]) -> ReportTable:
     )  # fmt: skip
 
 
-def _score_table(calibration: SiteCalibration) -> ReportTable:
-    rows: list[tuple[Cell, ...]] = []
+def _score_table(calibration: SiteCalibration) -> page.ReportTable:
+    rows: list[tuple[page.Cell, ...]] = []
     for s in calibration.sites:
         for t in s.scores:
-            means = (sensible(t.score[m], 2) for m in ("before", "after", "left out"))
+            means = (page.sensible(t.score[m], 2) for m in ("before", "after", "left out"))
             rows.append((s.name, t.table, t.rocks, *means, _percent(t.gain)))
         rows.append((s.name, "all", s.rocks, None, None, None, _percent(s.gain)))
-    return table_of(
+    return page.table_of(
         "What each table of observations contributes",
         "site; table; rocks; before; after; left out; gain on rocks left out | 95 %",
         rows,
@@ -211,8 +202,8 @@ def _score_table(calibration: SiteCalibration) -> ReportTable:
     )
 
 
-def _error_table(site: SiteResult) -> ReportTable:
-    rows: list[tuple[Cell, ...]] = []
+def _error_table(site: SiteResult) -> page.ReportTable:
+    rows: list[tuple[page.Cell, ...]] = []
     for e in site.errors:
         rows.append((e.name, e.unit, "observed", *e.observed, None, "–"))
         for model in ("before", "after", "left out"):
@@ -220,7 +211,7 @@ def _error_table(site: SiteResult) -> ReportTable:
             rows.append(
                 (e.name, e.unit, model, *e.quantiles[model], e.crps[model], _percent(error))
             )
-    return table_of(
+    return page.table_of(
         phrase("Errors at {}", site.name),
         "quantity; unit; rocks; 10 %; 50 %; 90 %; CRPS; error of the median | 95 % interval",
         rows,

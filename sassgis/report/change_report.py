@@ -6,28 +6,10 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import sassgis
-from sassgis.report import figures
-from sassgis.report.page import (
-    Cell,
-    ReportAnswer,
-    ReportContext,
-    ReportFigure,
-    ReportTable,
-    sensible,
-    table_of,
-)
+from sassgis.report import figures, page
 from sassgis.report.pictures import picture
 from sassgis.settings.languages import joined, named, phrase, translated
-from sassgis.studies.result_change import (
-    BY_ONE_ONLY,
-    LEVEL,
-    REACH,
-    ChangeRow,
-    ResultChange,
-    compared_maps,
-    difference,
-    limits_text,
-)
+from sassgis.studies import result_change
 from sassgis.studies.stored_result import StoredResult
 
 _RAMPS = {"reach_probability": "plasma_r", "energy": "YlOrRd", "passing_height": "YlGnBu"}
@@ -44,21 +26,21 @@ _SEVERAL = {
 
 def change_figures(
     before: StoredResult, after: StoredResult, folder: Path, *, levels: bool
-) -> tuple[ReportFigure, ...]:
-    """Draw the maps before and after, on the same cells, and their difference into a folder.
-
-    ``levels`` says whether the levels can be compared.
-    """
+) -> tuple[page.ReportFigure, ...]:
+    """Draw maps before and after and their difference; that of ``levels`` if comparable."""
     grid = after.grid
     out = []
-    for compared in (*([LEVEL] if levels else []), *compared_maps(before, after)):
+    for compared in (
+        *([result_change.LEVEL] if levels else []),
+        *result_change.compared_maps(before, after),
+    ):
         old, new = (r.band(*compared[:2]) for r in (before, after))
-        moved = difference(old, new)
-        if compared is LEVEL:
+        moved = result_change.difference(old, new)
+        if compared is result_change.LEVEL:
             title = "Hazard level before and after"
             caption = "Levels of the cells, before they are drawn as zones."
             figure = figures.change_figure(
-                grid, before.maps[LEVEL.stem], after.maps[LEVEL.stem],
+                grid, before.maps[result_change.LEVEL.stem], after.maps[result_change.LEVEL.stem],
                 figures.MapMarks(after.release, control_lines=after.traces),
                 names=("Before", "After"), title=title,
             )  # fmt: skip
@@ -70,12 +52,12 @@ def change_figures(
                 unit="" if compared.unit == "1" else compared.unit, ramp=_RAMPS[compared.stem],
                 title=title, note=_NOTHING,
             )  # fmt: skip
-        if compared is REACH:
+        if compared is result_change.REACH:
             width = phrase("Width {} m (one cell).", f"{grid.cell_size:.4g}")
             caption = joined(" ", (caption, width))
         areas = (float((s * moved > 0.0).sum() * grid.cell_size**2) for s in (1.0, -1.0))
         text = "Three maps: before, after, and the change. Higher on {} m², lower on {} m²."
-        alt = phrase(text, *map(sensible, areas))
+        alt = phrase(text, *map(page.sensible, areas))
         out.append(picture(folder, f"{compared.stem}_change", title, caption, figure, alt))
     return tuple(out)
 
@@ -83,13 +65,13 @@ def change_figures(
 def change_report(
     before: StoredResult,
     after: StoredResult,
-    change: ResultChange,
-    pictures: Sequence[ReportFigure],
-) -> ReportContext:
+    change: result_change.ResultChange,
+    pictures: Sequence[page.ReportFigure],
+) -> page.ReportContext:
     """Put the report together."""
     kinds = (("version of sassgis" if d.kind == "program" else d.kind) for d in change.differences)
     values = ((d.name, d.before or "–", d.after or "–") for d in change.differences)
-    differ = table_of(
+    differ = page.table_of(
         "What differs between the two",
         "kind; what; before; after",
         ((kind, *map(named, own)) for kind, own in zip(kinds, values, strict=True)),
@@ -107,15 +89,15 @@ def change_report(
     names = list(dict.fromkeys(str(n) for n in found if n))
     both = phrase("{} and {}", *names) if len(names) == 2 else "".join(names)
     levels: dict[float, str] = {0.0: "none"}
-    if LEVEL.stem in after.maps:
-        levels |= {c.value: c.label for c in after.maps[LEVEL.stem].classes}
+    if result_change.LEVEL.stem in after.maps:
+        levels |= {c.value: c.label for c in after.maps[result_change.LEVEL.stem].classes}
     note = (
         "0 where no block arrives. Energies and passing heights with limits of the sampling error "
         "hold for all blocks that reach the object; on a road they hold for the stretch with the "
         "largest value. Values without limits are the largest over the cells of the object. "
         "Deaths and loss are sums over the object."
     )
-    return ReportContext(
+    return page.ReportContext(
         title=translated(phrase("{}: before and after", both)),
         subtitle="Changes between the two results",
         what_was_run=tuple(
@@ -125,7 +107,7 @@ def change_report(
         ),
         warnings=change.notes,
         verdict=change.verdict,
-        answer=(ReportAnswer("How sure this is", sure), _differ(change)),
+        answer=(page.ReportAnswer("How sure this is", sure), _differ(change)),
         key_results=_key_table(change),
         figures=tuple(pictures),
         tables=(
@@ -141,10 +123,10 @@ def change_report(
     )
 
 
-def _facts(result: StoredResult) -> list[tuple[str, Cell]]:
+def _facts(result: StoredResult) -> list[tuple[str, page.Cell]]:
     manifest = result.manifest
     counts = manifest["counts"]
-    facts: list[tuple[str, Cell]] = [
+    facts: list[tuple[str, page.Cell]] = [
         ("folder", named(result.folder.name)),
         ("program", phrase("sassgis {}, seed {}", manifest["sassgis"], manifest["seed"])),
         # A mosaic of several blocks counts only those of its areas.
@@ -156,27 +138,29 @@ def _facts(result: StoredResult) -> list[tuple[str, Cell]]:
     return facts
 
 
-def _differ(change: ResultChange) -> ReportAnswer:
+def _differ(change: result_change.ResultChange) -> page.ReportAnswer:
     heading = "What differs between the two"
     if not change.differences:
-        return ReportAnswer(heading, ("Program, settings, inputs and libraries are the same.",))
+        return page.ReportAnswer(
+            heading, ("Program, settings, inputs and libraries are the same.",)
+        )
     kinds: dict[str, list[str]] = {}
     for d in change.differences:
         kinds.setdefault(_SEVERAL.get(d.kind, d.kind), []).append(d.name)
     points = tuple(phrase("{}: {}", phrase(kind), ", ".join(own)) for kind, own in kinds.items())
-    return ReportAnswer(heading, ("The table at the end has the values.",), points)
+    return page.ReportAnswer(heading, ("The table at the end has the values.",), points)
 
 
-def _key_table(change: ResultChange) -> ReportTable:
+def _key_table(change: result_change.ResultChange) -> page.ReportTable:
     rows = [r for part in ("map", "zones", "run-out") for r in change.of(part)]
-    return table_of(
+    return page.table_of(
         "Before and after",
         "quantity; unit; before; after; change",
         (
             (
                 phrase("{}: {}", phrase(r.quantity), r.name) if r.name else r.quantity,
                 _UNITS.get(r.unit, r.unit), r.before, r.after,
-                None if r.quantity == BY_ONE_ONLY else r.change,
+                None if r.quantity == result_change.BY_ONE_ONLY else r.change,
             )
             for r in rows
         ),
@@ -186,8 +170,8 @@ def _key_table(change: ResultChange) -> ReportTable:
 
 
 def _at_places(
-    title: str, rows: Sequence[ChangeRow], levels: Mapping[float, str], note: str = ""
-) -> ReportTable:
+    title: str, rows: Sequence[result_change.ChangeRow], levels: Mapping[float, str], note: str = ""
+) -> page.ReportTable:
     """Return a row for each place, two columns for each quantity; levels by their names."""
     quantities = {r.quantity: _UNITS.get(r.unit, r.unit) for r in rows}
     found = {(r.name, r.quantity): r for r in rows}
@@ -196,17 +180,17 @@ def _at_places(
         shown = "" if unit in ("1", "class") else unit
         columns += [(phrase("{}, before", phrase(quantity)), shown), ("after", shown)]
 
-    def cell(name: str, quantity: str, when: int) -> Cell:
+    def cell(name: str, quantity: str, when: int) -> page.Cell:
         if (row := found.get((name, quantity))) is None:
             return None
         value = (row.before, row.after)[when]
         if quantity == "hazard level":
             return levels[value]
-        limits = limits_text(row.limits[when], sensible)
-        return phrase("{}{}", sensible(value), limits) if limits else value
+        limits = result_change.limits_text(row.limits[when], page.sensible)
+        return phrase("{}{}", page.sensible(value), limits) if limits else value
 
     body = (
         (named(name), *(cell(name, q, when) for q in quantities for when in (0, 1)))
         for name in dict.fromkeys(r.name for r in rows)
     )
-    return table_of(title, columns, body, note)
+    return page.table_of(title, columns, body, note)

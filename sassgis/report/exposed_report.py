@@ -32,10 +32,7 @@ def map_objects(placed: PlacedObjects) -> list[MapObject]:
 def levels_of(
     placed: PlacedObjects, zones: Coverage, levels: Sequence[HazardLevel]
 ) -> dict[str, str]:
-    """Return the highest level of the zones that each object touches, by its name.
-
-    It is "none" outside all zones.
-    """
+    """Return the highest level of the zones that each object touches, by its name, or "none"."""
     highest = np.full(len(placed), -1)
     if len(placed) and zones.polygons.size:
         tree = shapely.STRtree(zones.polygons)
@@ -48,17 +45,13 @@ def levels_of(
 def exposed_table(
     placed: PlacedObjects, values: ObjectValues, levels: Mapping[str, str]
 ) -> ReportTable:
-    """Tabulate what reaches all exposed objects, the largest energy first.
-
-    ``levels`` are those of :func:`levels_of`, empty without zones.
-    """
+    """Tabulate what reaches all exposed objects, most energy first; ``levels`` may be empty."""
     rare = max(values.energy_kj, default=None)
     shown = [values.arrivals, values.energy_q95_kj, values.height_q95_m]
     if rare is not None:
         shown.insert(2, values.energy_kj[rare])
     rows: list[tuple[float, tuple[Cell, ...]]] = []
     for name, own in placed.wholes.items():
-        # Of a road the stretch that the most energy comes to.
         energy = np.nan_to_num(shown[-2].value[own], nan=-1.0)
         number = own[int(np.argmax(energy))]
         level = [levels[name]] if levels else []

@@ -4,17 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
+from sassgis.gap import words
 from sassgis.gap.diagnosis import Diagnosis, GapFinding, Hypothesis, Shrinkage, Verdict
-from sassgis.gap.words import (
-    closed_percent,
-    effect_name,
-    effect_phrase,
-    file_has,
-    place_words,
-    quantity_name,
-    significance,
-    tested_by,
-)
 from sassgis.report.page import ReportAnswer, sensible
 from sassgis.settings.languages import Phrase, all_of, capital, joined, phrase
 from sassgis.settings.styles import with_unit
@@ -52,7 +43,6 @@ def _scaled(named: Hypothesis | None) -> list[Phrase]:
     if scale is None or low <= 1.0 <= high:
         return []
     if low == high:
-        # Taken only from the observations.
         return [phrase("Observed speeds are {} times the true ones.", sensible(scale))]
     said = "Observed speeds are {} times those that fit (95 %: {})."
     return [phrase(said, sensible(scale), interval_text((low, high)))]
@@ -70,7 +60,7 @@ def _named(diagnosis: Diagnosis) -> Phrase:
         return phrase("These data do not show the cause of the gap.")
     if verdict.effect == "contact_law":
         text = "These data show no other probable cause than {}."
-        return phrase(text, effect_phrase(verdict.effect))
+        return phrase(text, words.effect_phrase(verdict.effect))
     if verdict.effect != "none":
         text, by = "The gap is best explained by {}.", diagnosis.shrinkage
         if by.effect == verdict.effect and by.value is not None and by.value <= 0.0:
@@ -80,10 +70,10 @@ def _named(diagnosis: Diagnosis) -> Phrase:
                 "The observations show {}. It is not certain that adding it closes the gap on "
                 "rocks left out."
             )
-        return phrase(text, effect_phrase(verdict.effect))
+        return phrase(text, words.effect_phrase(verdict.effect))
     left = phrase("The remaining differences are within chance ({} rocks).", diagnosis.rocks)
     if any(gap.counts and gap.side == "unsafe" for gap in advice.left) or any(
-        significance(finding) == "sure" for finding in diagnosis.where
+        words.significance(finding) == "sure" for finding in diagnosis.where
     ):
         left = phrase("The remaining differences are within the scatter of single rocks.")
     if any(gap.counts and gap.is_far for gap in advice.left):
@@ -111,7 +101,7 @@ def _why(diagnosis: Diagnosis) -> ReportAnswer:
     verdict = diagnosis.verdict
     out: list[str] = [_sentence(verdict.reason)] if verdict.reason else []
     if verdict.named and (verdict.phase or verdict.segments):
-        place = all_of(place_words(s) for s in _stretches(verdict.segments))
+        place = all_of(words.place_words(s) for s in _stretches(verdict.segments))
         acts = phrase("It acts")
         if verdict.phase:
             acts = phrase("It acts in the phase “{}”", phrase(verdict.phase))
@@ -120,7 +110,7 @@ def _why(diagnosis: Diagnosis) -> ReportAnswer:
     missing = {*verdict.effect.split("+")} - {*recommended.split("+")}
     if verdict.effect not in UNNAMED and missing:
         text = "It is named but not recommended. The calibrated model contains {}."
-        out.append(phrase(text, file_has(recommended)))
+        out.append(phrase(text, words.file_has(recommended)))
     if verdict.effect != "unknown":
         out.append(
             "The confidence was measured on synthetic sites. Treat this as a lead, not a finding."
@@ -187,7 +177,7 @@ def _confused(diagnosis: Diagnosis) -> ReportAnswer:
 
 def effect_names(effects: Iterable[str]) -> Phrase:
     """Return names of causes, in a row."""
-    return joined(", ", map(effect_name, effects))
+    return joined(", ", map(words.effect_name, effects))
 
 
 def finding_sentence(finding: GapFinding) -> Phrase:
@@ -198,18 +188,18 @@ def finding_sentence(finding: GapFinding) -> Phrase:
     span = phrase("{} to {}", sensible(low, 2), sensible(high, 2))
     if not both:
         span = interval_text(finding.ci95, digits=2)
-    name, unit = capital(quantity_name(finding.quantity)), finding.unit
+    name, unit = capital(words.quantity_name(finding.quantity)), finding.unit
     return phrase(
         "{} {}: observed {}, predicted {}, {} {} (95 % interval {}; {} rocks; {}; p {}).",
         name,
-        place_words(finding.place),
+        words.place_words(finding.place),
         with_unit(sensible(finding.observed), unit),
         with_unit(sensible(finding.predicted), unit),
         with_unit(sensible(abs(finding.gap), 2), unit),
         more,
         span,
         finding.rocks,
-        tested_by(finding.test),
+        words.tested_by(finding.test),
         p_text(finding.p_adjusted),
     )
 
@@ -218,8 +208,8 @@ def _where(findings: tuple[GapFinding, ...]) -> ReportAnswer:
     heading = "Where the gap lies"
     if not findings:
         return ReportAnswer(heading, ("Nothing could be compared place by place.",))
-    sure = [f for f in findings if significance(f) == "sure"]
-    likely = [f for f in findings if significance(f) == "likely"]
+    sure = [f for f in findings if words.significance(f) == "sure"]
+    likely = [f for f in findings if words.significance(f) == "likely"]
     if not sure:
         none = (
             "None of {} comparisons by place, phase and quantity is significant after adjustment "
@@ -256,7 +246,7 @@ def _how_far(shrinkage: Shrinkage, verdict: Verdict) -> ReportAnswer:
         "Chance leaves at least {}.",
         sensible(shrinkage.distance_base),
         sensible(shrinkage.distance_effect),
-        effect_name(shrinkage.effect),
+        words.effect_name(shrinkage.effect),
         sensible(shrinkage.distance_floor),
     )
     note = (_sentence(shrinkage.note),) if shrinkage.note else ()
@@ -273,7 +263,7 @@ def _how_far(shrinkage: Shrinkage, verdict: Verdict) -> ReportAnswer:
             )
             said.append(
                 phrase(
-                    text, effect_name(shrinkage.effect), sensible(shrinkage.distance_effect),
+                    text, words.effect_name(shrinkage.effect), sensible(shrinkage.distance_effect),
                     _share(shrinkage.value or 0.0), _span(shrinkage),
                 )
             )  # fmt: skip
@@ -285,7 +275,7 @@ def _how_far(shrinkage: Shrinkage, verdict: Verdict) -> ReportAnswer:
             "Adding {} closes {} of the gap beyond chance{}, on rocks left out of the calibration."
         )
         first = phrase(
-            text, effect_name(shrinkage.effect), _share(shrinkage.value), _span(shrinkage)
+            text, words.effect_name(shrinkage.effect), _share(shrinkage.value), _span(shrinkage)
         )
     return ReportAnswer(heading, (first, left, *note))
 
@@ -303,7 +293,7 @@ def _sentence(text: str) -> Phrase:
 
 
 def _share(value: float) -> str:
-    return f"{closed_percent(value):.0f} %".replace("-", "\u2212")
+    return f"{words.closed_percent(value):.0f} %".replace("-", "\u2212")
 
 
 def interval_text(span: tuple[float, float], digits: int = 3) -> Phrase:

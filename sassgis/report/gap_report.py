@@ -10,6 +10,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 import sassgis
+from sassgis.gap import words
 from sassgis.gap.diagnosis import Advice, Diagnosis, GapFinding, ModelGap
 from sassgis.gap.observations.case import Case
 from sassgis.gap.verdict.findings import (
@@ -20,16 +21,8 @@ from sassgis.gap.verdict.findings import (
     used_lines,
 )
 from sassgis.gap.verdict.verdict import causes_in
-from sassgis.gap.words import (
-    closed_percent,
-    effect_name,
-    place_name,
-    quantity_name,
-    rung_name,
-    significance,
-    with_unit_in_brackets,
-)
 from sassgis.grid import FloatArray
+from sassgis.report import gap_answer
 from sassgis.report.figures.gap_figures import (
     GapStretch,
     gap_distributions_figure,
@@ -37,16 +30,6 @@ from sassgis.report.figures.gap_figures import (
     gap_ladder_figure,
     gap_map_figure,
     gap_where_figure,
-)
-from sassgis.report.gap_answer import (
-    MATTERS,
-    UNNAMED,
-    answer,
-    effect_names,
-    hypothesis_of,
-    interval_text,
-    p_text,
-    verdict_sentence,
 )
 from sassgis.report.page import Cell, ReportContext, ReportFigure, ReportTable, sensible, table_of
 from sassgis.report.pictures import picture
@@ -70,8 +53,8 @@ def report_warnings(case: Case, diagnosis: Diagnosis) -> list[str]:
             "named."
         )
         out.append(phrase(text, diagnosis.rocks))
-    if verdict.effect not in UNNAMED and len(verdict.confusion_set) > 1:
-        names = effect_names(verdict.confusion_set)
+    if verdict.effect not in gap_answer.UNNAMED and len(verdict.confusion_set) > 1:
+        names = gap_answer.effect_names(verdict.confusion_set)
         out.append(phrase("These data allow several explanations: {}.", names))
     if diagnosis.effect.stand is not None:
         out.append(
@@ -93,23 +76,16 @@ def report_warnings(case: Case, diagnosis: Diagnosis) -> list[str]:
     return out
 
 
-# --- figures ---------------------------------------------------------------------------------
-
-
 def headline(findings: Iterable[GapFinding]) -> GapFinding | None:
-    """Return the finding whose quantity the map shows.
-
-    Of quantities that differ from chance somewhere along the fall lines the one that matters most
-    for the hazard; if there is none, the most certain.
-    """
+    """Return the finding to map: the most important quantity among those beyond chance."""
     placed = [f for f in findings if math.isfinite(f.gap) and math.isfinite(f.s0_m)]
 
     def rank(finding: GapFinding) -> tuple[bool, bool, int, float, float]:
-        known = finding.quantity in MATTERS
+        known = finding.quantity in gap_answer.MATTERS
         return (
-            significance(finding) == "open",
+            words.significance(finding) == "open",
             finding.place == "all" or finding.place.startswith("ground:"),
-            MATTERS.index(finding.quantity) if known else len(MATTERS),
+            gap_answer.MATTERS.index(finding.quantity) if known else len(gap_answer.MATTERS),
             finding.p_adjusted,
             finding.q_value,
         )
@@ -126,13 +102,13 @@ def map_parts(
     first = headline(diagnosis.where)
     chosen = _one_per_place(diagnosis.where, first)
     stretches = [
-        GapStretch(trace, f.gap, significance(f) != "open")
+        GapStretch(trace, f.gap, words.significance(f) != "open")
         for f in chosen
         if is_stretch(f)
         for i in used_lines(case)
         if len(trace := line_stretch(case.traces, i, *limits_on(case, f, i))) > 1
     ]
-    gaps = {f.place: (f.gap, significance(f) != "open") for f in chosen if not is_stretch(f)}
+    gaps = {f.place: (f.gap, words.significance(f) != "open") for f in chosen if not is_stretch(f)}
     table = case.observations.stations
     stations = {
         name: GapStretch(vertices, *gaps.get(name, (math.nan, False)))
@@ -142,10 +118,7 @@ def map_parts(
 
 
 def _one_per_place(findings: Iterable[GapFinding], first: GapFinding | None) -> list[GapFinding]:
-    """Keep findings of the map's main quantity, one for each place.
-
-    It is that of the phase that heads the map, or else the most certain.
-    """
+    """Keep the most certain finding of the main quantity at each place, of its phase first."""
     if first is None:
         return []
     same = [
@@ -183,7 +156,7 @@ def gap_figures(case: Case, diagnosis: Diagnosis, folder: Path) -> list[ReportFi
             "{}. Across the slope: at a station. Along the fall lines: on that stretch. As a rule "
             "the rocks start anew at its top, so that errors above do not count again."
         )
-        caption = phrase(text, capital(quantity_name(first.quantity)))
+        caption = phrase(text, capital(words.quantity_name(first.quantity)))
     drawn = gap_map_figure(
         case.grid,
         lines=lines,
@@ -203,7 +176,7 @@ def gap_figures(case: Case, diagnosis: Diagnosis, folder: Path) -> list[ReportFi
             gap_where_figure(diagnosis.where),
         )
     if diagnosis.comparisons:
-        named = verdict.effect if verdict.effect not in UNNAMED else ""
+        named = verdict.effect if verdict.effect not in gap_answer.UNNAMED else ""
         add(
             "gap_distributions",
             "Observed rocks and the models",
@@ -232,12 +205,9 @@ def gap_figures(case: Case, diagnosis: Diagnosis, folder: Path) -> list[ReportFi
     return out
 
 
-# --- tables ----------------------------------------------------------------------------------
-
-
 def gap_tables(case: Case, diagnosis: Diagnosis) -> list[ReportTable]:
     """Return tables of a diagnosis: where, which, how far, calibrated ground, data."""
-    named = hypothesis_of(diagnosis.which, diagnosis.verdict.effect)
+    named = gap_answer.hypothesis_of(diagnosis.which, diagnosis.verdict.effect)
     parameters = {} if named is None else named.parameters
     return [
         _where_table(diagnosis.where),
@@ -246,7 +216,13 @@ def gap_tables(case: Case, diagnosis: Diagnosis) -> list[ReportTable]:
             "Calibrated models",
             "effect; form; score; gain; 95 % interval",
             (
-                (effect_name(c.effect), c.form or "–", c.score, c.gain, interval_text(c.ci95))
+                (
+                    words.effect_name(c.effect),
+                    c.form or "–",
+                    c.score,
+                    c.gain,
+                    gap_answer.interval_text(c.ci95),
+                )
                 for c in diagnosis.which
             ),
             "Score: energy score of rocks held out of the calibration; less is better. Gain: score "
@@ -255,7 +231,8 @@ def gap_tables(case: Case, diagnosis: Diagnosis) -> list[ReportTable]:
         ),
         table_of(
             phrase(
-                "Calibrated parameters of the answer: {}", effect_name(diagnosis.verdict.effect)
+                "Calibrated parameters of the answer: {}",
+                words.effect_name(diagnosis.verdict.effect),
             ),
             "parameter; value; 95 % interval",
             (
@@ -270,13 +247,15 @@ def gap_tables(case: Case, diagnosis: Diagnosis) -> list[ReportTable]:
             "gain over it; 95 % interval of it",
             (
                 (
-                    rung_name(r.rung),
+                    words.rung_name(r.rung),
                     r.distance,
                     _closed(r.share),
                     _interval_cell(
-                        r.ci95 and (closed_percent(r.ci95[0]), closed_percent(r.ci95[1])), 2
+                        r.ci95
+                        and (words.closed_percent(r.ci95[0]), words.closed_percent(r.ci95[1])),
+                        2,
                     ),
-                    rung_name(r.over) if r.over else "–",
+                    words.rung_name(r.over) if r.over else "–",
                     r.gain,
                     _interval_cell(r.gain_ci95, 2),
                 )
@@ -298,6 +277,10 @@ def gap_tables(case: Case, diagnosis: Diagnosis) -> list[ReportTable]:
     ]
 
 
+def _quantity(gap: GapFinding | ModelGap) -> str:
+    return words.with_unit_in_brackets(words.quantity_name(gap.quantity), gap.unit)
+
+
 def _gaps_table(advice: Advice) -> ReportTable:
     left = {g.key: g for g in advice.left}
 
@@ -315,11 +298,8 @@ def _gaps_table(advice: Advice) -> ReportTable:
         "calibrated model; gap | 95 % interval; side",
         (
             (
-                place_name(g.place),
-                joined(
-                    ", ",
-                    (with_unit_in_brackets(quantity_name(g.quantity), g.unit), phrase(g.statistic)),
-                ),
+                words.place_name(g.place),
+                joined(", ", (_quantity(g), phrase(g.statistic))),
                 g.observed, g.limit, *cells(g), *cells(left.get(g.key)),
             )
             for g in advice.compared
@@ -328,21 +308,21 @@ def _gaps_table(advice: Advice) -> ReportTable:
             "Calibrated model: {}, on rocks left out. Gap: observed less predicted; above zero "
             "the model is unsafe. In brackets: certain but too small to matter. Interval: rocks "
             "resampled. Width: from the 10 % to the 90 % quantile. Energy: of translation.",
-            rung_name(advice.recommended),
+            words.rung_name(advice.recommended),
         ),
     )  # fmt: skip
 
 
 def _with_interval(value: float, span: tuple[float, float]) -> Phrase:
-    return phrase("{} ({})", sensible(value, 2), interval_text(span, 2))
+    return phrase("{} ({})", sensible(value, 2), gap_answer.interval_text(span, 2))
 
 
 def _closed(share: float | None) -> float | None:
-    return None if share is None else closed_percent(share)
+    return None if share is None else words.closed_percent(share)
 
 
 def _interval_cell(span: tuple[float, float] | None, digits: int = 3) -> str:
-    return "–" if span is None else interval_text(span, digits)
+    return "–" if span is None else gap_answer.interval_text(span, digits)
 
 
 def _where_table(findings: tuple[GapFinding, ...]) -> ReportTable:
@@ -360,10 +340,10 @@ def _where_table(findings: tuple[GapFinding, ...]) -> ReportTable:
         "place; phase; quantity; observed; predicted; gap | 95 % interval; p; q; rocks; test",
         (
             (
-                place_name(f.place), f.phase,
-                with_unit_in_brackets(quantity_name(f.quantity), f.unit), f.observed,
+                words.place_name(f.place), f.phase,
+                _quantity(f), f.observed,
                 f.predicted, _with_interval(f.gap, f.ci95),
-                p_text(f.p_adjusted), p_text(f.q_value), f.rocks, f.test,
+                gap_answer.p_text(f.p_adjusted), gap_answer.p_text(f.q_value), f.rocks, f.test,
             )
             for f in findings[:_ROWS]
         ),
@@ -382,7 +362,7 @@ def _which_table(diagnosis: Diagnosis) -> ReportTable:
         "probability | %; separated from the answer",
         (
             (
-                effect_name(g.effect), 100.0 * g.share, g.sureness, 100.0 * g.power,
+                words.effect_name(g.effect), 100.0 * g.share, g.sureness, 100.0 * g.power,
                 None if (p := verdict.probabilities.get(g.effect)) is None else 100.0 * p,
                 separated.get(g.effect, "yes"),
             )
@@ -398,7 +378,7 @@ def _which_table(diagnosis: Diagnosis) -> ReportTable:
 def _shrinkage_table(diagnosis: Diagnosis) -> ReportTable:
     s = diagnosis.shrinkage
     rows: list[tuple[Cell, ...]] = [
-        (quantity_name(quantity), *map(v.get, ("base", "effect", "floor")),
+        (words.quantity_name(quantity), *map(v.get, ("base", "effect", "floor")),
          _closed(v.get("shrinkage")))
         for quantity, v in s.by_quantity.items()
     ]  # fmt: skip
@@ -431,9 +411,6 @@ def _ground_table(before: GroundTable, after: GroundTable) -> ReportTable:
     )
 
 
-# --- all of it -------------------------------------------------------------------------------
-
-
 def gap_report(
     case: Case,
     diagnosis: Diagnosis,
@@ -445,22 +422,19 @@ def gap_report(
     configuration: str,
     warnings: Sequence[str],
 ) -> ReportContext:
-    """Draw the figures into ``folder`` and put the report together.
-
-    Project, terrain file, coordinate system and configuration file are given by their names.
-    """
+    """Draw the figures into ``folder`` and put the report together."""
     rows, columns = case.grid.shape
     cells = phrase(
         "{}, {} × {} cells of {} m", terrain, columns, rows, f"{case.grid.cell_size:.4g}"
     )
-    tried = effect_names(c.effect for c in diagnosis.which)
+    tried = gap_answer.effect_names(c.effect for c in diagnosis.which)
     tables = [phrase("{} {}", n, phrase(name)) for name, n in diagnosis.tables.items()]
-    said = filter(None, (phrase(diagnosis.first_sentence), verdict_sentence(diagnosis)))
+    said = filter(None, (phrase(diagnosis.first_sentence), gap_answer.verdict_sentence(diagnosis)))
     return ReportContext(
         title=translated(phrase("{}: observed and simulated rocks", project)),
         subtitle="What separates the field observations from the SASS model, and why",
         verdict=joined(" ", said),
-        answer=answer(diagnosis),
+        answer=gap_answer.answer(diagnosis),
         warnings=tuple(warnings),
         what_was_run=(
             ("Observed rocks", diagnosis.rocks),

@@ -12,7 +12,7 @@ import io
 import re
 import zlib
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from importlib.metadata import distribution
 from pathlib import Path
 from typing import Any
@@ -23,7 +23,7 @@ import shapely
 from markupsafe import Markup
 from numpy.typing import NDArray
 
-from sassgis.grid import FloatArray, IntArray
+from sassgis.grid import FloatArray, Grid, IntArray
 from sassgis.report.figures.map_figure import class_numbers, shown_values
 from sassgis.report.figures.map_marks import MapObject
 from sassgis.report.figures.relief import MapView, footprint, hillshade, view_of
@@ -53,22 +53,10 @@ _STEPS, _LEAST = 1000, -10
 Rows = tuple[tuple[str, str], ...]
 
 
-@dataclass(frozen=True, slots=True)
-class Contribution:
-    """Contribution of one source: how often, or how many of the simulated blocks, by cell."""
-
-    area: str
-    scenario: str
-    cells: IntArray
-    weight: FloatArray
-
-
-@dataclass(frozen=True, slots=True)
-class PlaceFacts:
-    """Facts about an object, a station or a barrier."""
-
-    rows: Rows = ()  # said in a table
-    curve: Sequence[tuple[float, float]] = ()  # energy (kJ), blocks a year with at least that
+#: What one source brings: area, scenario, cells, and how often, or how many simulated blocks.
+Contribution = tuple[str, str, IntArray, FloatArray]
+#: What a table says of an object, station or barrier; energies (kJ) with blocks a year.
+PlaceFacts = tuple[Rows, Sequence[tuple[float, float]]]
 
 
 @dataclass(frozen=True, slots=True)
@@ -85,50 +73,46 @@ class MapHazard:
     ref_width_m: float  # of all frequencies
 
 
-@dataclass(frozen=True, slots=True)
-class MapPage:
-    """Contents of the page."""
+def write_map_page(
+    file: Path,
+    title: str,
+    run: MapRun,
+    layers: Sequence[RasterLayer],
+    areas: Sequence[tuple[str, Any, Rows]],
+    objects: Sequence[MapObject],
+    contributions: Sequence[Contribution],
+    paths: Sequence[LinePaths],
+    places: Mapping[tuple[str, str], PlaceFacts],
+    hazard: MapHazard | None = None,
+    warnings: Sequence[str] = (),
+) -> None:
+    """Write the page of a run with all its maps, in the language of the settings.
 
-    title: str
-    run: MapRun
-    layers: Sequence[RasterLayer]  # all maps of the result
-    areas: Sequence[tuple[str, Any, Rows]]  # name and geometry of release areas
-    objects: Sequence[MapObject]
-    contributions: Sequence[Contribution]
-    paths: Sequence[LinePaths]
-    # By kind and name of the object, station or barrier.
-    places: Mapping[tuple[str, str], PlaceFacts] = field(default_factory=dict)
-    hazard: MapHazard | None = None
-    warnings: Sequence[str] = ()  # about what may make the maps wrong
-
-
-def write_map_page(file: Path, page: MapPage) -> None:
-    """Write the page, in the language of the settings."""
-    by_stem = {layer.stem: layer for layer in page.layers}
+    Release areas are name, geometry and what is said; places are by kind and name of the object,
+    station or barrier; warnings are those about what may make the maps wrong.
+    """
+    by_stem = {layer.stem: layer for layer in layers}
     first = by_stem[next(stem for stem in _SHOWN if stem in by_stem)]
-    around = [np.column_stack([p.x, p.y]) for p in page.paths]
-    around += [shapely.get_coordinates(geometry) for _, geometry, _ in page.areas]
+    around = [np.column_stack([p.x, p.y]) for p in paths]
+    around += [shapely.get_coordinates(geometry) for _, geometry, _ in areas]
     everything = np.concatenate([np.empty((0, 2)), *around])
-    view = view_of(
-        page.run.grid, footprint(page.run.grid, shown_values(first.bands[0]), everything)
-    )
-    # A dot for each cell or some of them.
+    view = view_of(run.grid, footprint(run.grid, shown_values(first.bands[0]), everything))
     factor = -(-max(view.grid.shape) // _DOTS)
     grey = np.nan_to_num((hillshade(view.grid) + 0.35) / 1.3, nan=1.0)[::factor, ::factor]
     data = {
         "extent": view.grid.bounds,
         "relief": data_uri(_png(np.repeat(grey[..., None], 3, axis=2))),
         "maps": [_map(by_stem[stem], view) for stem in _SHOWN if stem in by_stem],
-        "cells": _cells(page, by_stem),
-        "curve": _curve_facts(page.hazard),
-        "shapes": _shapes(page),
-        "paths": [_path(shown) for shown in page.paths],
+        "cells": _cells(run.grid, hazard, contributions, by_stem),
+        "curve": _curve_facts(hazard),
+        "shapes": _shapes(run, areas, objects, places, hazard),
+        "paths": [_path(shown) for shown in paths],
     }
     text = template("map_page.html.j2").render(
-        title=page.title,
+        title=title,
         language=current_language(),
         data=data,
-        warnings=[translated(text) for text in page.warnings],
+        warnings=[translated(text) for text in warnings],
         words={key: translated(word) for key, word in _WORDS.items()},
         # The library holds no text that ends its element.
         script=Markup(_library("leaflet.js").partition("//# sourceMappingURL")[0]),
@@ -193,10 +177,6 @@ _LABELS = {
 }
 
 
-# ---------------------------------------------------------------------------------------------
-# Pictures
-
-
 def _png(image: NDArray[Any]) -> bytes:
     buffer = io.BytesIO()
     # An empty name in place of matplotlib's version: equal runs give equal pages.
@@ -237,27 +217,27 @@ def _map(layer: RasterLayer, view: MapView) -> dict[str, Any]:
     }
 
 
-# ---------------------------------------------------------------------------------------------
-# Cells
-
-
-def _cells(page: MapPage, by_stem: Mapping[str, RasterLayer]) -> dict[str, Any]:
+def _cells(
+    grid: Grid,
+    hazard: MapHazard | None,
+    contributions: Sequence[Contribution],
+    by_stem: Mapping[str, RasterLayer],
+) -> dict[str, Any]:
     """Return the values on the page of each cell that blocks reach."""
-    shape = page.run.grid.shape
+    shape = grid.shape
     of_blocks = np.nan_to_num(by_stem["passages"].bands[0].values.ravel().astype(np.float64))
     rate = np.zeros(of_blocks.size)
-    if page.hazard is not None:
-        rate[page.hazard.curves.places] = page.hazard.curves.rate[:, 0]
+    if hazard is not None:
+        rate[hazard.curves.places] = hazard.curves.rate[:, 0]
     factor = 1
     while np.count_nonzero((rate > 0.0) | (of_blocks > 0.0)) > _CELLS * factor**2:
         factor += 1
-    cells = _strongest(rate + 1e-12 * of_blocks, shape, factor)
+    cells = strongest_cells(rate + 1e-12 * of_blocks, shape, factor)
 
     def column(stem: str, name: str, factor: float = 1.0) -> str:
-        return _packed(_logarithm(factor * _band(by_stem[stem], name, cells)))
+        return _packed(in_steps(factor * _band(by_stem[stem], name, cells)))
 
-    sources, shares = _shares(page.contributions, cells)
-    grid = page.run.grid
+    sources, shares = largest_shares(contributions, cells)
     return {
         "places": _packed(np.diff(_squares(cells, shape, factor), prepend=0).astype(np.uint32)),
         "count": int(cells.size),
@@ -279,10 +259,10 @@ def _cells(page: MapPage, by_stem: Mapping[str, RasterLayer]) -> dict[str, Any]:
             )
             for stem in _QUANTILES
         ],
-        "names": [f"{c.area}, {c.scenario}" for c in page.contributions],
+        "names": [f"{area}, {scenario}" for area, scenario, *_ in contributions],
         "sources": [_packed(column) for column in sources.T],
         "shares": [_packed(column) for column in shares.T],
-        "hazard": _hazard(page.hazard, by_stem, cells),
+        "hazard": _hazard(hazard, by_stem, cells),
     }
 
 
@@ -299,7 +279,7 @@ def _squares(cells: IntArray, shape: tuple[int, int], factor: int) -> IntArray:
     return numbers
 
 
-def _strongest(strength: FloatArray, shape: tuple[int, int], factor: int) -> IntArray:
+def strongest_cells(strength: FloatArray, shape: tuple[int, int], factor: int) -> IntArray:
     """Return the cell of the largest strength of each square of so many cells that has any."""
     cells = np.flatnonzero(strength > 0.0)
     if factor == 1:
@@ -328,13 +308,13 @@ def _hazard(
 
     periods = [f"{years:g}" for years in hazard.preset.return_periods]
     return {
-        "rates": [_packed(_logarithm(column)) for column in rate.T],
+        "rates": [_packed(in_steps(column)) for column in rate.T],
         "level": _packed(band("hazard_level", "level").astype(np.uint16)),
         "lowest": _packed(band("confidence", "lowest_level").astype(np.uint16)),
         "highest": _packed(band("confidence", "highest_level").astype(np.uint16)),
-        "change": _packed(_logarithm(band("confidence", "change_chance"))),
+        "change": _packed(in_steps(band("confidence", "change_chance"))),
         "energies": [
-            [years, _packed(_logarithm(band("energy_at_return_period", f"e{years}")))]
+            [years, _packed(in_steps(band("energy_at_return_period", f"e{years}")))]
             for years in periods
         ],
     }
@@ -364,7 +344,7 @@ def _curve_facts(hazard: MapHazard | None) -> dict[str, Any] | None:
     }  # fmt: skip
 
 
-def _shares(
+def largest_shares(
     contributions: Sequence[Contribution], cells: IntArray
 ) -> tuple[NDArray[np.uint16], NDArray[np.uint16]]:
     """Return the sources that most comes from at each cell, and their shares in thousandths."""
@@ -373,16 +353,15 @@ def _shares(
     total = np.zeros(cells.size)
     # Those of squares are in the order of the squares.
     order = np.argsort(cells)
-    for number, own in enumerate(contributions if cells.size else ()):
-        found = np.searchsorted(cells, own.cells, sorter=order)
+    for number, (*_, reached, often) in enumerate(contributions if cells.size else ()):
+        found = np.searchsorted(cells, reached, sorter=order)
         at = order[np.minimum(found, cells.size - 1)]
-        here = cells[at] == own.cells
+        here = cells[at] == reached
         weight = np.zeros(cells.size)
-        weight[at[here]] = own.weight[here]
+        weight[at[here]] = often[here]
         total += weight
         new = np.full(cells.size, number, np.uint16)
         for place in range(_SOURCES):
-            # Of equal ones the first comes first.
             earlier = (weight == best[:, place]) & (new < which[:, place])
             more = (weight > best[:, place]) | earlier
             weight, best[:, place] = (
@@ -397,7 +376,7 @@ def _shares(
     return which, shares.astype(np.uint16)
 
 
-def _logarithm(values: FloatArray) -> NDArray[np.uint16]:
+def in_steps(values: FloatArray) -> NDArray[np.uint16]:
     """Return values as steps of their logarithm; 0 for what is not above 0."""
     above = values > 0.0
     power = np.log10(np.where(above, values, 1.0)) - _LEAST
@@ -411,17 +390,10 @@ def _packed(values: NDArray[Any]) -> str:
     return base64.b64encode(zlib.compress(plain, 9)).decode("ascii")
 
 
-# ---------------------------------------------------------------------------------------------
-# Shapes
-
-
 def _shape(
     kind: str, name: str, geometry: Any, rows: Rows, colour: str = "", curve: Iterable[Any] = ()
 ) -> dict[str, Any]:
-    """Return a geometry with what is said of it.
-
-    Geometries are lines, rings of polygons with their holes, or points.
-    """
+    """Return a geometry (lines, rings with their holes, or points) with what is said of it."""
     parts = []
     for part in shapely.get_parts(geometry):
         if isinstance(part, shapely.Polygon):
@@ -442,22 +414,28 @@ def _points(geometry: Any) -> list[list[float]]:
     return points
 
 
-def _shapes(page: MapPage) -> list[dict[str, Any]]:
+def _shapes(
+    run: MapRun,
+    areas: Sequence[tuple[str, Any, Rows]],
+    objects: Sequence[MapObject],
+    places: Mapping[tuple[str, str], PlaceFacts],
+    hazard: MapHazard | None,
+) -> list[dict[str, Any]]:
     """Return zones, release areas, objects, stations and barriers: what lies on top comes last."""
     found = []
-    if page.hazard is not None:
-        levels = page.hazard.preset.levels
+    if hazard is not None:
+        levels = hazard.preset.levels
         found += [
             _shape("zone", translated(phrase(levels[k].label)), polygon, rows, levels[k].colour)
-            for k, polygon, rows in page.hazard.zones
+            for k, polygon, rows in hazard.zones
         ]
-        found += [_shape(*mark) for mark in page.hazard.marks]
-    found += [_shape("release", name, geometry, rows) for name, geometry, rows in page.areas]
-    placed = [("object", name, geometry) for name, geometry in page.objects]
-    placed += [(c.kind, c.name, shapely.LineString(trace)) for c, trace in page.run.control_lines]
+        found += [_shape(*mark) for mark in hazard.marks]
+    found += [_shape("release", name, geometry, rows) for name, geometry, rows in areas]
+    placed = [("object", name, geometry) for name, geometry in objects]
+    placed += [(c.kind, c.name, shapely.LineString(trace)) for c, trace in run.control_lines]
     for kind, name, geometry in placed:
-        facts = page.places.get((kind, name), PlaceFacts())
-        found.append(_shape(kind, name, geometry, facts.rows, curve=facts.curve))
+        rows, curve = places.get((kind, name), ((), ()))
+        found.append(_shape(kind, name, geometry, rows, curve=curve))
     return found
 
 

@@ -248,7 +248,6 @@ def map_report(
 
     ``furthest`` are the paths on the line of the block with the longest run-out. The facts are
     those of the GeoPackage, the name "terrain_file", and "tolerance_check" if there was one.
-    Exposed objects are drawn on the maps.
     """
     total = int(progress.reasons.sum())
     anything = bool(progress.sums.cells.size)
@@ -264,7 +263,6 @@ def map_report(
         "reason; lines",
         ((text, int((ends == e).sum())) for e, text in LINE_END_TEXT.items()),
     )
-    # In words: what of the terrain blocks do not meet.
     roughness = "none: cells are not finer than the blocks"
     if run.heights is not run.grid:
         text = "what is smaller than {} m (terrain.block_scale_m)"

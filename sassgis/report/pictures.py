@@ -29,10 +29,7 @@ GIVEN_UP: ContextVar[Event | None] = ContextVar("given_up", default=None)
 def picture(
     folder: Path, name: str, title: str, caption: str, figure: Figure, alt: str = ""
 ) -> ReportFigure:
-    """Save a figure as ``<name>.png``, and return it as the report shows it.
-
-    CancelledError: nobody waits for figures any more.
-    """
+    """Save a figure as ``<name>.png`` for a report; CancelledError if nobody waits any more."""
     if (given_up := GIVEN_UP.get()) is not None and given_up.is_set():
         raise CancelledError
     png = to_png(figure)

@@ -42,10 +42,7 @@ def profile_report(
     provenance: tuple[tuple[str, Cell], ...],
     folder: Path,
 ) -> ReportContext:
-    """Draw the figures of a profile into ``folder`` and put the report together.
-
-    The effects are the names of those that are switched on.
-    """
+    """Draw the figures of a profile into ``folder`` and put the report together."""
     p = result.profile
     length, relief = p.s[-1] - p.s[0], p.z.max() - p.z.min()
     text = "{} vertices, {} m long, {} m of relief"

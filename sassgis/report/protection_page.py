@@ -17,17 +17,8 @@ from sassgis.grid import FloatArray
 from sassgis.hazard.design import arrivals, net_classes
 from sassgis.hazard.measured_motion import words_at_line
 from sassgis.hazard.sources import Sampled
-from sassgis.report import figures
+from sassgis.report import figures, page
 from sassgis.report.exposed_report import limited
-from sassgis.report.page import (
-    Cell,
-    ReportFigure,
-    ReportTable,
-    sensible,
-    table_of,
-    template,
-    translated_table,
-)
 from sassgis.report.pictures import picture
 from sassgis.settings.languages import current_language, phrase, translated
 from sassgis.settings.results import ControlLine
@@ -94,9 +85,8 @@ def protection_sheets(
 def best_places(places: pd.DataFrame) -> tuple[pd.Series, pd.Series] | None:
     """Find where along the slope the least energy and height of 95 % of the blocks arrive.
 
-    ``places`` as of places_table, for one line. Places upslope that fewer blocks reach than the
-    line itself are left out, as the others start below them or pass next to it. None if there is
-    nothing to compare.
+    Places upslope that fewer blocks reach than the line itself are left out: the others start below
+    them or pass next to it. None if there is nothing to compare.
     """
     here = places[places["moved_m"] == 0.0]
     if len(places) < 2 or not len(here):
@@ -107,12 +97,8 @@ def best_places(places: pd.DataFrame) -> tuple[pd.Series, pd.Series] | None:
     return energy, height
 
 
-def needs_table(arriving: pd.Series, needs: pd.DataFrame, built: bool) -> ReportTable:
-    """Tabulate what a line must take by return period; a dash where blocks come less often.
-
-    ``arriving`` is its row of ``tables/design.csv``, ``needs`` are those of ``protection.csv``;
-    ``built`` if it is no station.
-    """
+def needs_table(arriving: pd.Series, needs: pd.DataFrame, built: bool) -> page.ReportTable:
+    """Tabulate needs of a line from its rows of design.csv and protection.csv; dash: too rare."""
     columns = (
         "return period | years; energy | kJ; energy class; passing height | m; block | m; "
         "net height | m"
@@ -122,7 +108,7 @@ def needs_table(arriving: pd.Series, needs: pd.DataFrame, built: bool) -> Report
         years = f"{row['return_period_years']:g}"
         own, high = row["net_class"], row["net_class_high"]
         size = row["block_m"]
-        cells: list[Cell] = [
+        cells: list[page.Cell] = [
             years,
             limited(row, "energy_kj"),
             (own if high == own else phrase("{} to {}", own, high or "–")) or None,
@@ -131,7 +117,7 @@ def needs_table(arriving: pd.Series, needs: pd.DataFrame, built: bool) -> Report
             limited(row, "net_height_m"),
         ]
         rows.append([*cells, limited(row, BEHIND)] if built else cells)
-    return table_of(
+    return page.table_of(
         "What is reached or exceeded once in the return period",
         columns + ("; energy behind it | kJ" if built else ""),
         rows,
@@ -143,23 +129,19 @@ def write_protection_page(
     title: str,
     byline: Sequence[str],
     sheets: Sequence[ProtectionSheet],
-    change: ReportFigure | None,
+    change: page.ReportFigure | None,
     warnings: int,
 ) -> None:
-    """Write the sheets into one HTML file that prints a page of A4 for each.
-
-    ``change`` shows the hazard levels without and with walls and nets, ``warnings`` is how many
-    the report has.
-    """
-    text = template("protection.html.j2").render(
+    """Write the sheets into one HTML file that prints a page of A4 for each."""
+    text = page.template("protection.html.j2").render(
         title=title, byline=byline, sheets=sheets, change=change, warnings=warnings,
         classes=", ".join(f"{name}: {most:g}" for name, most in net_classes() if most < np.inf),
-        words=_words, in_words=translated, table_in_words=translated_table,
+        words=_words, in_words=translated, table_in_words=page.translated_table,
         language=current_language(),
     )  # fmt: skip
     (folder / PAGE_NAME).write_text(text, encoding="utf-8", newline="\n")
 
 
-def _words(text: str, *parts: Cell) -> str:
+def _words(text: str, *parts: page.Cell) -> str:
     """Return a sentence with its numbers in the language of the page."""
-    return translated(phrase(text, *(p if isinstance(p, str) else sensible(p) for p in parts)))
+    return translated(phrase(text, *(p if isinstance(p, str) else page.sensible(p) for p in parts)))

@@ -22,7 +22,6 @@ def runout_words(counts: IntArray, text: str) -> str:
     """Put the run-out of blocks, counted in bins of 1 m, into a text; empty for none."""
     if not counts.sum():
         return ""
-    # Upper limits of the bins.
     below = np.cumsum(counts)
     median, most = (int(np.searchsorted(below, share * below[-1])) + 1 for share in (0.5, 0.95))
     longest = int(np.flatnonzero(counts)[-1]) + 1
@@ -75,10 +74,7 @@ def profile_lines(result: ProfileResult) -> Lines:
 
 
 def object_lines(exposed: ReportTable) -> Lines:
-    """State how many exposed objects blocks reach, and the one with the largest energy.
-
-    ``exposed`` has all of them.
-    """
+    """State how many of all exposed objects blocks reach, and which with the most energy."""
     if not exposed.rows:
         return ()
     reached = [row for row in exposed.rows if row[-2] is not None or row[-1] is not None]
@@ -93,10 +89,7 @@ def object_lines(exposed: ReportTable) -> Lines:
 def zone_lines(
     levels: ReportTable, found: Assessment, edge: str, confidence: float, currency: str
 ) -> Lines:
-    """Return the area of the zones by level, how sure they are, and the risk of all objects.
-
-    ``edge`` is what is said of blocks that left the terrain model.
-    """
+    """State the area of the zones by level, how sure they are, and the risk of all objects."""
     areas = [phrase("{} {} m²", phrase(str(row[0])), sensible(row[2])) for row in levels.rows]
     hazard = found.hazard
     text = "{} The hatched cells ({} % of the zoned area) hold {} % of these changes."

@@ -16,25 +16,14 @@ from sassgis.settings.labels import ground_name
 from sassgis.settings.languages import joined, phrase
 from sassgis.settings.map_run import MapRun
 from sassgis.settings.results import RasterLayer
-from sassgis.studies.variants import (
-    ENERGY_RATIO,
-    FAR,
-    FARTHER,
-    MEDIAN,
-    CellMaps,
-    GroundSpread,
-    RangeEffect,
-)
-
-# ---------------------------------------------------------------------------------------------
-# Sensitivity
+from sassgis.studies import variants
 
 
 def sensitivity_report(
     title: str,
     run: MapRun,
-    effects: Sequence[RangeEffect],
-    maps: CellMaps,
+    effects: Sequence[variants.RangeEffect],
+    maps: variants.CellMaps,
     layers: Sequence[RasterLayer],
     samples: int,
     blocks: int,
@@ -42,7 +31,7 @@ def sensitivity_report(
     folder: Path,
 ) -> ReportContext:
     """Draw the figures into ``folder`` and put the report together."""
-    runout = sorted((e for e in effects if e.measure == FARTHER), key=_rank)
+    runout = sorted((e for e in effects if e.measure == variants.FARTHER), key=_rank)
     return ReportContext(
         title=title,
         subtitle="How results change within the ranges of the ground classes",
@@ -53,17 +42,23 @@ def sensitivity_report(
             ("Reference width of the hazard", f"{run.ref_width_m:.4g} m" if levels else "–"),
         ),
         verdict=_verdict(runout, maps, levels),
-        key_results=_key_table(runout, {e.range: e for e in effects if e.measure == ENERGY_RATIO}),
+        key_results=_key_table(
+            runout, {e.range: e for e in effects if e.measure == variants.ENERGY_RATIO}
+        ),
         figures=map_pictures(folder, run.grid, layers, MapMarks(release_outlines(run))),
-        tables=(_effect_table([e for e in effects if e.measure not in (FARTHER, ENERGY_RATIO)]),),
+        tables=(
+            _effect_table(
+                [e for e in effects if e.measure not in (variants.FARTHER, variants.ENERGY_RATIO)]
+            ),
+        ),
     )
 
 
-def _rank(effect: RangeEffect) -> float:
+def _rank(effect: variants.RangeEffect) -> float:
     return -float(np.nan_to_num(effect.largest_change, nan=-1.0))
 
 
-def _verdict(runout: Sequence[RangeEffect], maps: CellMaps, levels: bool) -> str:
+def _verdict(runout: Sequence[variants.RangeEffect], maps: variants.CellMaps, levels: bool) -> str:
     strong = [e.range.label for e in runout if e.beyond_chance]
     sentences = [phrase("No single range changes the run-out (95 %) beyond chance.")]
     if strong:
@@ -79,7 +74,9 @@ def _verdict(runout: Sequence[RangeEffect], maps: CellMaps, levels: bool) -> str
     return joined(" ", sentences)
 
 
-def _key_table(runout: Sequence[RangeEffect], energy: dict[object, RangeEffect]) -> ReportTable:
+def _key_table(
+    runout: Sequence[variants.RangeEffect], energy: dict[object, variants.RangeEffect]
+) -> ReportTable:
     note = (
         "Base {} m, with another seed {} m. Energy: median ratio over the cells that 20 or more "
         "blocks reach in both. Each range alone, all other values as in the class. Beyond chance: "
@@ -103,7 +100,7 @@ def _key_table(runout: Sequence[RangeEffect], energy: dict[object, RangeEffect])
     )  # fmt: skip
 
 
-def _effect_table(effects: Sequence[RangeEffect]) -> ReportTable:
+def _effect_table(effects: Sequence[variants.RangeEffect]) -> ReportTable:
     """Tabulate the other measures' changes beyond chance, of each the largest first."""
     order = {measure: i for i, measure in enumerate(dict.fromkeys(e.measure for e in effects))}
     return table_of(
@@ -123,13 +120,9 @@ def _effect_table(effects: Sequence[RangeEffect]) -> ReportTable:
     )  # fmt: skip
 
 
-# ---------------------------------------------------------------------------------------------
-# Spread between sites
-
-
-def spread_lines(spread: GroundSpread) -> Lines:
+def spread_lines(spread: variants.GroundSpread) -> Lines:
     """State what the spread does to run-out and levels, and how well it is known."""
-    median, far = spread.band(MEDIAN), spread.band(FAR)
+    median, far = spread.band(variants.MEDIAN), spread.band(variants.FAR)
     text = (
         "with the spread of the ground classes between sites, the 90 % run-out lies between {} "
         "and {} m and the median between {} and {} m (80 % of {} draws; with the class values {} "
@@ -161,7 +154,7 @@ def spread_lines(spread: GroundSpread) -> Lines:
     return tuple((name, joined("; ", said)) for name, said in lines if said)
 
 
-def spread_table(spread: GroundSpread) -> ReportTable:
+def spread_table(spread: variants.GroundSpread) -> ReportTable:
     """Return all measures with their bands."""
     return table_of(
         "Spread of the ground classes",

@@ -34,10 +34,7 @@ BARRIERS_TITLE = "Effect of walls and nets"
 
 
 def telling_place(hazard: Hazard) -> int | None:
-    """Return place whose hazard curve is drawn: reached by the most sources, and then most often.
-
-    Given as its position in ``curves.places``; None if no block arrives anywhere.
-    """
+    """Return the position in the curves of the place reached by most sources; None without."""
     curves = hazard.curves
     if not curves.places.size:
         return None
@@ -70,10 +67,7 @@ def zone_figures(
     history: Sequence[tuple[int, float]],
     changed_share_max: float,
 ) -> tuple[ReportFigure, ...]:
-    """Draw the figures of a zoning into a folder.
-
-    ``history`` is that of Progress, with the share that was asked for.
-    """
+    """Draw the figures of a zoning into a folder; ``history`` is that of Progress."""
     hazard, grid = found.hazard, run.grid
     place = telling_place(hazard)
     if place is None:
@@ -214,11 +208,7 @@ def zone_tables(
     return_periods_years: Sequence[float],
     currency: str,
 ) -> tuple[ReportTable, ...]:
-    """Return tables of a zoning besides that of the levels.
-
-    Frames are those of ``tables/sources.csv`` and ``design.csv``, return periods those of the
-    design values.
-    """
+    """Return tables of a zoning besides that of the levels; frames as in ``tables/``."""
     text = "{}. The level of a cell is the highest that its hazard curve crosses."
     tables = [
         table_of(

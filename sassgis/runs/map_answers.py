@@ -28,18 +28,18 @@ _POINTS = 16
 
 def blocks_by_source(run: MapRun, progress: Progress) -> list[Contribution]:
     """Count the simulated blocks of each source that reach each cell."""
-    found = []
+    found: list[Contribution] = []
     for (area, k), tally in sorted(progress.sources.items()):
         own = tally.cells.counts()
         weight = own.count[:, 0].astype(np.float64)
-        found.append(Contribution(run.areas[area].name, run.blocks[k].name, own.places, weight))
+        found.append((run.areas[area].name, run.blocks[k].name, own.places, weight))
     return found
 
 
 def rates_by_source(sampled: Sequence[Sampled]) -> list[Contribution]:
     """Compute how often blocks of each source reach each cell (1/year)."""
     return [
-        Contribution(
+        (
             s.source.area, s.source.scenario, s.cells.places,
             np.asarray(s.source.rate_per_rock * s.cells.count[:, 0], np.float64),
         )
@@ -110,7 +110,7 @@ def line_facts(
         rows.append(("Blocks that arrive", phrase("{} a year", sensible(float(energy.rate[0])))))
         at = np.unique(np.linspace(0, energy.edges.size - 1, _POINTS * 4).astype(int))
         curve = [(float(energy.edges[k]), float(energy.rate[k])) for k in at if energy.rate[k] > 0]
-        found[line.kind, line.name] = PlaceFacts(tuple(rows), curve)
+        found[line.kind, line.name] = (tuple(rows), curve)
     return found
 
 
@@ -130,7 +130,7 @@ def object_facts(
     for number, thing in enumerate(risk.objects):
         members.setdefault(thing.whole, []).append(number)
     quantity = {name: risk.of_object(name) for name in ("hits", "loss", "deaths")}
-    found = {}
+    found: dict[tuple[str, str], PlaceFacts] = {}
     for name, own in members.items():
         total = {key: float(values[own].sum()) for key, values in quantity.items()}
         rows: list[tuple[str, str]] = [("Hazard level", phrase(levels.get(name, "none")))]
@@ -145,5 +145,5 @@ def object_facts(
         if worst in row_of:
             rates = curves.rate[row_of[worst]]
             curve = [(float(e), float(r)) for e, r in zip(energies_kj, rates, strict=True) if r > 0]
-        found["object", name] = PlaceFacts(tuple(rows), curve)
+        found["object", name] = (tuple(rows), curve)
     return found

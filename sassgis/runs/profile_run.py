@@ -17,7 +17,7 @@ from sassgis.files.atomic_output import staged_output
 from sassgis.grid import FloatArray, IntArray
 from sassgis.hazard.warnings import profile_warnings
 from sassgis.inputs.vectors import read_line
-from sassgis.outputs.frames import profile_passage_frame, profile_rock_frame, write_table
+from sassgis.outputs.frames import profile_tables, write_table
 from sassgis.report.page import ReportContext, in_short, translated_report, write_report
 from sassgis.report.profile_report import profile_report
 from sassgis.runs.inputs import collected_notices, profile_from_csv, read_map_run
@@ -269,8 +269,9 @@ def run_profile(
         _check_started(result, csv or line or (config.dem_source if point else own))
         warnings = [*config.notes, *notices, *profile_warnings(result, config.effects)]
         scenarios = [b.name for b in config.blocks]
-        write_table(work / "tables" / "rocks.csv", [profile_rock_frame(result, scenarios)])
-        write_table(work / "tables" / "passages.csv", [profile_passage_frame(result, scenarios)])
+        tables = profile_tables(result, scenarios)
+        write_table(work / "tables" / "rocks.csv", [tables.blocks])
+        write_table(work / "tables" / "passages.csv", [tables.passages])
         settings = tuple(provenance(config).items())
         with in_language(config.project.language):
             context = profile_report(

@@ -27,7 +27,7 @@ from sassgis.outputs.qgis.entries import LayerGroup
 from sassgis.outputs.qgis.layout import Extent, PrintLayout
 from sassgis.outputs.raster import write_raster
 from sassgis.report.exposed_report import exposed_table, map_objects, most_exposed
-from sassgis.report.map_page import Contribution, MapHazard, MapPage, PlaceFacts, write_map_page
+from sassgis.report.map_page import Contribution, MapHazard, PlaceFacts, write_map_page
 from sassgis.report.map_report import map_report
 from sassgis.report.page import (
     ReportContext,
@@ -87,7 +87,7 @@ class Extras:
     vectors: tuple[VectorLayer, ...] = ()  # written to hazard.gpkg
     groups: tuple[LayerGroup, ...] = ()  # on top of the project
     # Gives its map sheets from what every sheet says.
-    layouts: Callable[[run_project.SheetWords], tuple[PrintLayout, ...]] = lambda _words: ()
+    layouts: Callable[[PrintLayout], tuple[PrintLayout, ...]] = lambda _words: ()
     facts: dict[str, object] = field(default_factory=dict)  # added to those of the run
     frames: dict[str, Any] = field(default_factory=dict)  # written to tables/<name>.csv
     origin: Origin = field(default_factory=Origin)
@@ -290,7 +290,8 @@ def _write_report(
     )
     write_report(work / "report.html", report)
     rows = area_rows(run, asked.frequencies)
-    page = MapPage(
+    write_map_page(
+        work / "map.html",
         config.project.name,
         run,
         (*extras.layers, *layers),
@@ -302,7 +303,6 @@ def _write_report(
         asked.hazard,
         first_warnings(warnings),
     )
-    write_map_page(work / "map.html", page)
     return report
 
 

@@ -26,7 +26,4 @@ def test_stretches_of_a_road_are_one_line_and_kinds_of_geometry_apart() -> None:
     assert road.geom_type == "LineString" and road.length == 40.0
     assert list(layers["exposed_areas"]["name"]) == ["house"]
     assert list(layers["exposed_points"]["kind"]) == ["people"]
-
-
-def test_without_objects_there_are_no_layers() -> None:
     assert exposed_layers(PlacedObjects((), ()), "") == []

@@ -14,6 +14,12 @@ from sassgis.settings.map_run import BlockRows
 from sassgis.settings.results import PASSAGE_DTYPE, ROCK_DTYPE
 from sassgis.simulation.accumulators import joined_rows
 
+RUN = SimpleNamespace(
+    blocks=[SimpleNamespace(name="small")], followed=True,
+    control_lines=[(SimpleNamespace(name="road"), None)],
+)  # fmt: skip
+PLANNED = SimpleNamespace(points=SimpleNamespace(area_names=["north"], area=np.zeros(1, int)))
+
 
 @pytest.mark.parametrize("text", ["=1+1", "+SUM(A1)", "-2", "@cmd", "\t=1", "\r=1"])
 def test_no_text_is_a_formula(text: str, tmp_path: Path) -> None:
@@ -26,41 +32,26 @@ def test_no_text_is_a_formula(text: str, tmp_path: Path) -> None:
     named = without_formulas(frame.rename(columns={"value": text}))
     assert named.columns.tolist() == ["name", "'" + text.replace("\r", " ")]
     assert safe["value"].tolist() == [-1.5, 2.0, 3.0]
+    kinds = without_formulas(pd.DataFrame({"kind": pd.Categorical([text, "rock"])}))
+    assert kinds["kind"].tolist() == ["'" + text.replace("\r", " "), "rock"]
     write_table(tmp_path / "table.csv", [frame])
     cells = pd.read_csv(tmp_path / "table.csv")["name"].dropna()
     assert not cells.str.startswith(("=", "+", "-", "@", "\t", "\r")).any()
 
 
-def test_tables_without_texts_and_categories_stay() -> None:
-    numbers = pd.DataFrame({"a": [1, 2], "b": [-1.0, 2.0]})
-    assert without_formulas(numbers).equals(numbers)
-    kinds = pd.DataFrame({"kind": pd.Categorical(["=x", "rock", "=x"])})
-    assert without_formulas(kinds)["kind"].tolist() == ["'=x", "rock", "'=x"]
-
-
 def test_rows_say_for_how_many_blocks_they_count() -> None:
-    run = SimpleNamespace(
-        blocks=[SimpleNamespace(name="small")], followed=True,
-        control_lines=[(SimpleNamespace(name="road"), None)],
-    )  # fmt: skip
-    planned = SimpleNamespace(points=SimpleNamespace(area_names=["north"], area=np.zeros(1, int)))
     rocks, passages, place = np.zeros(2, ROCK_DTYPE), np.zeros(3, PASSAGE_DTYPE), np.zeros(2)
     parts = [BlockRows.of_chunk(rocks, place, place, passages, 0, weight) for weight in (1, 8)]
     rows = joined_rows(parts)
-    assert rock_frame(rows, run, planned)["weight"].tolist() == [1, 1, 8, 8]
-    assert passage_frame(rows, run, planned)["weight"].tolist() == [1, 1, 1, 8, 8, 8]
+    assert rock_frame(rows, RUN, PLANNED)["weight"].tolist() == [1, 1, 8, 8]
+    assert passage_frame(rows, RUN, PLANNED)["weight"].tolist() == [1, 1, 1, 8, 8, 8]
 
 
 def test_parts_without_passages_stand_beside_others_in_parquet(tmp_path: Path) -> None:
     pytest.importorskip("pyarrow")
-    run = SimpleNamespace(
-        blocks=[SimpleNamespace(name="small")], followed=True,
-        control_lines=[(SimpleNamespace(name="road"), None)],
-    )  # fmt: skip
-    planned = SimpleNamespace(points=SimpleNamespace(area_names=["north"], area=np.zeros(1, int)))
     passages, none = np.zeros(2, PASSAGE_DTYPE), np.zeros(0)
     some, empty = (
-        passage_frame(BlockRows.of_chunk(none, none, none, rows, 0, 1), run, planned)
+        passage_frame(BlockRows.of_chunk(none, none, none, rows, 0, 1), RUN, PLANNED)
         for rows in (passages, passages[:0])
     )
     for name, frames, expected in (

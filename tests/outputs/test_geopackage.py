@@ -53,7 +53,7 @@ def written(folder: Path, frame: gpd.GeoDataFrame, style: VectorStyle) -> Path:
     return write_geopackage(folder / "a.gpkg", [VectorLayer("own", "A", "", frame, style=style)])
 
 
-def test_gdal_reads_every_layer(package: Path) -> None:
+def test_gdal_reads_every_layer_as_it_was(package: Path) -> None:
     expected = made_up.vector_layers()
     listed = dict(pyogrio.list_layers(package))
     assert set(listed) == {*expected, "layer_styles", "run_metadata"}
@@ -65,30 +65,32 @@ def test_gdal_reads_every_layer(package: Path) -> None:
         assert list(info["fields"]) == layer.columns[1:]
         assert info["layer_metadata"]["IDENTIFIER"] == layer.title
         assert info["layer_metadata"].get("DESCRIPTION", "") == layer.description
+        read = pyogrio.read_dataframe(package, layer=name)
+        for column in layer.columns[1:]:
+            assert read[column].tolist() == layer.frame[column].tolist()
+        assert read.geometry.geom_equals(layer.frame.geometry).all()
     assert listed["release_areas"] == "MultiPolygon"
     assert listed["empty_lines"] == "LineString"
 
 
-def test_geometry_and_values_come_back(package: Path) -> None:
-    for name, layer in made_up.vector_layers().items():
-        read = pyogrio.read_dataframe(package, layer=name)
-        assert len(read) == len(layer.frame)
-        for column in layer.columns[1:]:
-            assert read[column].tolist() == layer.frame[column].tolist()
-        assert read.geometry.geom_equals_exact(layer.frame.geometry, 0).all() or (
-            name in ("release_areas", "residual")
-            and read.geometry.geom_equals(layer.frame.geometry).all()
-        )
-
-
-def test_version_and_contents(database: sqlite3.Connection) -> None:
+def test_contents_metadata_and_columns_follow_the_standard(database: sqlite3.Connection) -> None:
     assert database.execute("PRAGMA application_id").fetchone()[0] == 0x47504B47
     assert database.execute("PRAGMA user_version").fetchone()[0] == 10300
     rows = {row["table_name"]: row for row in database.execute("SELECT * FROM gpkg_contents")}
-    assert rows["layer_styles"]["data_type"] == "attributes"
-    assert rows["run_metadata"]["data_type"] == "attributes"
-    assert rows["fall_lines"]["data_type"] == "features"
+    kinds = {name: rows[name]["data_type"] for name in ("layer_styles", "run_metadata", "stops")}
+    assert list(kinds.values()) == ["attributes", "attributes", "features"]
     assert {row["last_change"] for row in rows.values()} == {"2000-01-01T00:00:00.000Z"}
+    metadata = dict(map(tuple, database.execute("SELECT key, value FROM run_metadata")))
+    assert metadata == {"seed": "7", "ref_width_m": "3.0", "note": "ß → “x”", "nothing": None}
+    title, description = database.execute(
+        "SELECT title, description FROM gpkg_data_columns WHERE table_name = 'fall_lines' "
+        "AND column_name = 'energy_kj'"
+    ).fetchone()
+    assert (title, description) == ("Greatest energy (kJ)", "Translation and rotation")
+    extensions = database.execute(
+        "SELECT table_name, extension_name FROM gpkg_extensions WHERE column_name IS NULL"
+    )
+    assert dict(map(tuple, extensions))["gpkg_data_columns"] == "gpkg_schema"
 
 
 def test_styles_are_found_by_qgis(database: sqlite3.Connection) -> None:
@@ -116,25 +118,6 @@ def test_styles_are_found_by_qgis(database: sqlite3.Connection) -> None:
         assert len(symbols) == max(1, len(layer.style.classes))
 
 
-def test_aliases_with_units_are_in_the_schema_extension(database: sqlite3.Connection) -> None:
-    row = database.execute(
-        "SELECT * FROM gpkg_data_columns WHERE table_name = 'fall_lines' "
-        "AND column_name = 'energy_kj'"
-    ).fetchone()
-    assert row["title"] == "Greatest energy (kJ)"
-    assert row["description"] == "Translation and rotation"
-    extensions = {
-        row["table_name"]: row["extension_name"]
-        for row in database.execute("SELECT * FROM gpkg_extensions WHERE column_name IS NULL")
-    }
-    assert extensions["gpkg_data_columns"] == "gpkg_schema"
-
-
-def test_metadata(database: sqlite3.Connection) -> None:
-    rows = {row["key"]: row["value"] for row in database.execute("SELECT * FROM run_metadata")}
-    assert rows == {"seed": "7", "ref_width_m": "3.0", "note": "ß → “x”", "nothing": None}
-
-
 def test_equal_input_gives_equal_bytes(tmp_path: Path) -> None:
     first, second = (
         write_geopackage(tmp_path / name, list(made_up.vector_layers().values()), {"seed": 1})
@@ -152,16 +135,13 @@ def test_the_time_of_gdal_is_left_as_it_was(tmp_path: Path) -> None:
         pyogrio.set_gdal_config_options({"OGR_CURRENT_DATE": None})
 
 
-def test_areas_in_one_and_in_more_parts(tmp_path: Path) -> None:
-    frame = frame_of([box(0, 0, 1, 1), MultiPolygon([box(2, 0, 3, 1), box(4, 0, 5, 1)])])
-    read = pyogrio.read_dataframe(written(tmp_path, frame, FOOTPRINT_STYLE), layer="own")
-    assert set(read.geom_type) == {"MultiPolygon"}
-    assert read.area.tolist() == [1.0, 2.0]
-
-
-def test_heights_of_lines_are_kept(tmp_path: Path) -> None:
-    frame = frame_of([LineString([(0, 0, 5), (1, 1, 4)]), LineString([(0, 0), (2, 2)])])
-    read = pyogrio.read_dataframe(written(tmp_path, frame, FALL_LINE_STYLE), layer="own")
+def test_parts_and_heights_are_kept(tmp_path: Path) -> None:
+    (tmp_path / "lines").mkdir()
+    areas = frame_of([box(0, 0, 1, 1), MultiPolygon([box(2, 0, 3, 1), box(4, 0, 5, 1)])])
+    read = pyogrio.read_dataframe(written(tmp_path, areas, FOOTPRINT_STYLE), layer="own")
+    assert set(read.geom_type) == {"MultiPolygon"} and read.area.tolist() == [1.0, 2.0]
+    lines = frame_of([LineString([(0, 0, 5), (1, 1, 4)]), LineString([(0, 0), (2, 2)])])
+    read = pyogrio.read_dataframe(written(tmp_path / "lines", lines, FALL_LINE_STYLE), layer="own")
     assert read.geometry.has_z.all()
     assert [point[2] for point in read.geometry[0].coords] == [5.0, 4.0]
 

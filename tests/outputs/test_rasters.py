@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 from dataclasses import replace
 from pathlib import Path
 from xml.etree import ElementTree as ET
@@ -15,7 +14,7 @@ from helpers import made_up_result as made_up
 from sassgis.errors import OutputError
 from sassgis.grid import Grid
 from sassgis.inputs.result_folder import level_classes
-from sassgis.outputs.raster import NODATA, BlockMaps, finish_map, write_raster
+from sassgis.outputs.raster import NODATA, write_raster
 from sassgis.settings.results import Band, RasterClass, RasterLayer
 
 
@@ -55,7 +54,7 @@ def test_values_place_and_words_come_back(energy: tuple[Path, RasterLayer]) -> N
             np.testing.assert_array_equal(read, band.values)
 
 
-def test_the_file_is_cloud_optimised(energy: tuple[Path, RasterLayer]) -> None:
+def test_the_file_is_cloud_optimised_with_a_style(energy: tuple[Path, RasterLayer]) -> None:
     path, layer = energy
     with rasterio.open(path) as data:
         assert data.tags(ns="IMAGE_STRUCTURE")["LAYOUT"] == "COG"
@@ -63,6 +62,9 @@ def test_the_file_is_cloud_optimised(energy: tuple[Path, RasterLayer]) -> None:
         assert data.overviews(1) == [2]
         assert data.block_shapes[0] == (256, 256)
         statistics = data.tags(1)
+    root = ET.fromstring(path.with_suffix(".qml").read_text(encoding="utf-8"))
+    labels = [item.get("label") for item in root.iter("item")]
+    assert labels == ["< 30 kJ", "30 – 300 kJ", "≥ 300 kJ"]
     known = layer.bands[0].values[np.isfinite(layer.bands[0].values)]
     assert float(statistics["STATISTICS_MAXIMUM"]) == pytest.approx(known.max())
     assert float(statistics["STATISTICS_MINIMUM"]) == pytest.approx(known.min())
@@ -76,47 +78,28 @@ def two_lines(first: float, second: float) -> np.ndarray:
     return values
 
 
-@pytest.mark.parametrize("ramp", ["viridis", "hillshade"])
+@pytest.mark.parametrize("ramp", ["viridis", "hillshade", "classes"])
 def test_overviews_invent_nothing(tmp_path: Path, ramp: str) -> None:
-    path = write_raster(layer_of(two_lines(3.0, 8.0), ramp=ramp), flat((700, 700)), tmp_path)
-    with rasterio.open(path, overview_level=1) as data:
+    values = two_lines(1.0, 3.0)
+    layer = classes_of(values) if ramp == "classes" else layer_of(values, ramp=ramp)
+    with rasterio.open(write_raster(layer, flat((700, 700)), tmp_path), overview_level=1) as data:
         read = data.read(1, masked=True)
-    assert set(np.unique(read.compressed())) == {3.0, 8.0}
+    assert set(np.unique(read.compressed())) == {1.0, 3.0}
+    if ramp == "classes":
+        return
     assert read.mask.mean() > 0.95
     # A line of one cell is not lost from afar.
     assert (~read.mask[:, 50]).all()
 
 
-def test_an_overview_is_made_of_the_one_before_however_wide_the_map(tmp_path: Path) -> None:
-    rng = np.random.default_rng(4)
-    values = np.where(rng.random((260, 9000)) < 0.6, rng.random((260, 9000)), np.nan)
-    wide = layer_of(values)
-    wide = replace(wide, bands=tuple(replace(wide.bands[0], name=f"b{k}") for k in range(6)))
-    with BlockMaps(flat(values.shape), tmp_path) as files:
-        files.write(wide, 0, 0)
-    (unfinished,) = files.unfinished
-    finish_map(unfinished)
-    with rasterio.open(unfinished.target, overview_level=0) as data:
-        finer = data.read(1, masked=True).filled(np.nan).reshape(65, 2, 2250, 2)
-    with rasterio.open(unfinished.target, overview_level=1) as data:
-        read = data.read(1, masked=True).filled(np.nan)
-    with warnings.catch_warnings(action="ignore"):
-        mean = np.nanmean(finer, axis=(1, 3))
-    np.testing.assert_allclose(read, mean, rtol=1e-5)
-
-
-def test_a_map_of_nothing(tmp_path: Path) -> None:
-    for breaks in ((), (30.0, 300.0)):
-        layer = layer_of(np.full((20, 30), np.nan), breaks=breaks)
-        with rasterio.open(write_raster(layer, flat((20, 30)), tmp_path)) as data:
-            assert data.read(1, masked=True).mask.all()
-            assert data.crs is None
-
-
-def test_infinity_is_nodata(tmp_path: Path) -> None:
+def test_no_number_and_infinity_are_nodata(tmp_path: Path) -> None:
     values = np.array([[1.0, np.inf], [-np.inf, np.nan]])
-    with rasterio.open(write_raster(layer_of(values), flat((2, 2)), tmp_path)) as data:
-        assert data.read(1, masked=True).mask.tolist() == [[False, True], [True, True]]
+    for breaks in ((), (30.0, 300.0)):
+        for shown, mask in ((values, [False, True, True, True]), (values * np.nan, [True] * 4)):
+            layer = layer_of(shown, breaks=breaks)
+            with rasterio.open(write_raster(layer, flat((2, 2)), tmp_path)) as data:
+                assert data.read(1, masked=True).mask.ravel().tolist() == mask
+                assert data.crs is None
 
 
 def test_equal_input_gives_equal_bytes(tmp_path: Path) -> None:
@@ -127,24 +110,15 @@ def test_equal_input_gives_equal_bytes(tmp_path: Path) -> None:
         assert first.with_suffix(".qml").read_bytes() == second.with_suffix(".qml").read_bytes()
 
 
-def test_the_style_lies_beside(energy: tuple[Path, RasterLayer]) -> None:
-    root = ET.fromstring(energy[0].with_suffix(".qml").read_text(encoding="utf-8"))
-    labels = [item.get("label") for item in root.iter("item")]
-    assert labels == ["< 30 kJ", "30 – 300 kJ", "≥ 300 kJ"]
-
-
-def test_the_shape_must_fit(tmp_path: Path) -> None:
+def test_what_cannot_be_written(tmp_path: Path) -> None:
     with pytest.raises(ValueError, match=r"\(3, 4\)"):
         write_raster(layer_of(np.zeros((3, 4))), flat((4, 3)), tmp_path)
-
-
-def test_a_folder_that_cannot_be(tmp_path: Path) -> None:
+    with pytest.raises(ValueError, match=r"\[4\.0\], which are no classes"):
+        write_raster(classes_of(np.array([[4.0, 1.0]])), flat((1, 2)), tmp_path)
     (tmp_path / "maps").write_text("in the way")
     with pytest.raises(OutputError, match=r"a\.tif: cannot be written"):
         write_raster(layer_of(np.zeros((2, 2))), flat((2, 2)), tmp_path / "maps")
 
-
-# --- maps of classes ---------------------------------------------------------------------------
 
 LEVELS = (
     RasterClass(1, "residuo", "#ffdd00", hatched=True),
@@ -167,12 +141,8 @@ def test_classes_are_bytes_that_keep_zero_and_nothing_apart(tmp_path: Path) -> N
         colours = data.colormap(1)
         assert data.tags(ns="IMAGE_STRUCTURE")["LAYOUT"] == "COG"
     # A hatch cannot be drawn on cells: half colour, half white.
-    assert [colours[value][:3] for value in (0, 1, 2, 3)] == [
-        (255, 255, 255),
-        (255, 238, 128),
-        (255, 221, 0),
-        (230, 0, 0),
-    ]
+    shown = [colours[value][:3] for value in (0, 1, 2, 3)]
+    assert shown == [(255, 255, 255), (255, 238, 128), (255, 221, 0), (230, 0, 0)]
 
 
 def test_classes_come_back_from_the_folder_whatever_their_labels(tmp_path: Path) -> None:
@@ -184,15 +154,10 @@ def test_classes_come_back_from_the_folder_whatever_their_labels(tmp_path: Path)
     assert found == list(enumerate(labels, start=1))
 
 
-@pytest.mark.parametrize(
-    ("number", "kind", "nodata"),
-    [
-        (254, "uint8", 255),
-        (255, "int16", -32768),
-        (-1, "int16", -32768),
-        (32768, "int32", -(2**31)),
-    ],
-)
+TYPES = [(254, "uint8", 255), (255, "int16", -32768), (-1, "int16", -32768)]
+
+
+@pytest.mark.parametrize(("number", "kind", "nodata"), [*TYPES, (32768, "int32", -(2**31))])
 def test_the_type_holds_every_class(tmp_path: Path, number: int, kind: str, nodata: int) -> None:
     layer = classes_of(
         np.array([[number, np.nan]]), classes=(RasterClass(number, "it", "#123456"),)
@@ -215,23 +180,9 @@ def test_numbers_beside_classes_are_not_rounded(
         assert data.read()[:, 0].tolist() == [[1.0, nodata], [beside, nodata]]
 
 
-def test_overviews_of_classes_are_classes(tmp_path: Path) -> None:
-    path = write_raster(classes_of(two_lines(1.0, 3.0)), flat((700, 700)), tmp_path)
-    with rasterio.open(path, overview_level=1) as data:
-        assert set(np.unique(data.read(1))) == {1, 3, 255}
-
-
-def test_a_number_that_is_no_class_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(ValueError, match=r"\[4\.0\], which are no classes"):
-        write_raster(classes_of(np.array([[4.0, 1.0]])), flat((1, 2)), tmp_path)
-
-
 def test_the_style_of_classes_lists_the_most_severe_first(tmp_path: Path) -> None:
     path = write_raster(classes_of(np.array([[1.0, 2.0]])), flat((1, 2)), tmp_path)
     root = ET.fromstring(path.with_suffix(".qml").read_text(encoding="utf-8"))
     entries = [(e.get("value"), e.get("color"), e.get("label")) for e in root.iter("paletteEntry")]
-    assert entries == [
-        ("3", "#e60000", "elevato"),
-        ("2", "#ffdd00", "basso"),
-        ("1", "#ffee80", "residuo (pale)"),
-    ]
+    pale = ("1", "#ffee80", "residuo (pale)")
+    assert entries == [("3", "#e60000", "elevato"), ("2", "#ffdd00", "basso"), pale]

@@ -71,19 +71,11 @@ def tree(node):
     for child in node.children():
         if hasattr(child, "layer"):
             layer = child.layer()
-            kind = "raster" if isinstance(layer, QgsRasterLayer) else "vector"
-            found.append(
-                {"name": child.name(), "valid": layer.isValid(), "visible": child.isVisible(),
-                 "kind": kind, "renderer": layer.renderer().type(),
-                 "labels": kind == "vector" and layer.labelsEnabled(),
-                 "colour": (layer.renderer().symbol().color().name()
-                            if layer.renderer().type() == "singleSymbol" else None)}
-            )  # fmt: skip
+            facts = {"valid": layer.isValid(), "visible": child.isVisible()}
+            found.append({**facts, "name": child.name(), "renderer": layer.renderer().type()})
         else:
-            found.append(
-                {"name": child.name(), "exclusive": child.isMutuallyExclusive(),
-                 "within": tree(child)}
-            )  # fmt: skip
+            facts = {"name": child.name(), "exclusive": child.isMutuallyExclusive()}
+            found.append({**facts, "within": tree(child)})
     return found
 
 
@@ -171,15 +163,8 @@ def states(dock):
     }
 
 
-def picture(dock, file):
-    """All steps of the panel, also those below its edge."""
-    inner = dock.widget().widget()
-    inner.resize(420, inner.sizeHint().height())
-    inner.grab().save(file)
-
-
 def steps(window, task):
-    """Go through the steps of the panel as a user does; pictures of it on the way."""
+    """Go through the steps of the panel as a user does."""
     from qgis.PyQt.QtCore import QEventLoop, QTimer
     from qgis.PyQt.QtWidgets import QTableWidgetItem
 
@@ -207,7 +192,6 @@ def steps(window, task):
             dock.table.setItem(row, place, QTableWidgetItem(text))
     dock.folder.setFilePath(task["folder"])
     seen["ready"] = states(dock)
-    picture(dock, task["pictures"] + "/before.png")
 
     def wait(press):
         loop, ended = QEventLoop(), []
@@ -226,12 +210,10 @@ def steps(window, task):
     seen["exposed"] = states(dock)
     dock.further["ROADS"].setLayer(None)
     seen["zone ended"] = wait(dock.zone_button.click)
-    seen["after zone"] = {
-        **states(dock), "line": dock.line.text(), "share": dock.share_bar.text(),
-        "bar": dock.share_bar.value(), "sheets": [dock.sheet.itemText(k)
-                                                  for k in range(dock.sheet.count())],
-    }  # fmt: skip
-    picture(dock, task["pictures"] + "/after.png")
+    shown = {"line": dock.line.text(), "share": dock.share_bar.text()}
+    sheets = [dock.sheet.itemText(k) for k in range(dock.sheet.count())]
+    bar = dock.share_bar.value()
+    seen["after zone"] = {**states(dock), **shown, "bar": bar, "sheets": sheets}
     seen["tree"] = tree(project.layerTreeRoot())
     return seen
 

@@ -5,10 +5,9 @@ from __future__ import annotations
 import ast
 import configparser
 import contextlib
-import importlib
 import json
-import operator
 import os
+import re
 import subprocess
 import sys
 import zipfile
@@ -113,32 +112,23 @@ def slope(tmp_path_factory: pytest.TempPathFactory) -> Slope:
 
 @pytest.fixture(scope="module")
 def valley(make_valley: Callable[..., Path]) -> Path:
-    return make_valley()
-
-
-@pytest.fixture(scope="module")
-def line(slope: Slope) -> Path:
-    """Two lines, of which the first leads down the slope."""
-    y = NORTH - 50.0
-    lines = [
-        shapely.LineString([(WEST + 10, y), (WEST + 60, y - 5), (WEST + 130, y)]),
-        shapely.LineString([(WEST + 10, y), (WEST + 20, y)]),
-    ]
-    frame = gpd.GeoDataFrame(geometry=lines, crs="EPSG:2056")
-    frame.to_file(slope.folder / "lines.gpkg", driver="GPKG")
-    return slope.folder / "lines.gpkg"
+    return make_valley(spacing_m=20.0, rocks_per_point=2)
 
 
 @pytest.fixture(scope="module")
 def layers(slope: Slope) -> dict[str, str]:
-    """Layers as a user has them: ground, nets, trees, with attributes in capitals and others."""
+    """Layers as a user has them: ground, nets, trees, with attributes in capitals and others.
 
-    def write(name: str, geometry: Any, **columns: object) -> str:
-        frame = gpd.GeoDataFrame({**columns, "note": ["x"]}, geometry=[geometry], crs="EPSG:2056")
+    Of the two lines the first leads down the slope.
+    """
+
+    def write(name: str, *geometry: Any, **columns: object) -> str:
+        columns |= {"note": ["x"] * len(geometry)}
+        frame = gpd.GeoDataFrame(columns, geometry=list(geometry), crs="EPSG:2056")
         frame.to_file(slope.folder / f"{name}.gpkg", driver="GPKG")
         return str(slope.folder / f"{name}.gpkg")
 
-    foot = shapely.box(WEST + 100, NORTH - 100, WEST + 140, NORTH)
+    foot, y = shapely.box(WEST + 100, NORTH - 100, WEST + 140, NORTH), NORTH - 50.0
     return {
         "release": str(slope.folder / "release.gpkg"),
         "ground": write("ground", foot, CLASS=["soft_meadow"]),
@@ -152,6 +142,11 @@ def layers(slope: Slope) -> dict[str, str]:
             level=["not_in_danger"], author=["A"], date=["2026-01-31"], reason=["rock cleared"],
         ),
         "bare": write("bare", shapely.LineString([(WEST, NORTH - 9), (WEST + 9, NORTH - 9)])),
+        "lines": write(
+            "lines",
+            shapely.LineString([(WEST + 10, y), (WEST + 60, y - 5), (WEST + 130, y)]),
+            shapely.LineString([(WEST + 10, y), (WEST + 20, y)]),
+        ),
     }  # fmt: skip
 
 
@@ -159,9 +154,7 @@ SCENARIOS = ["small", 0.1, 0.3, 0.2, "large", 1, 2.5, 0.05]
 
 
 @pytest.fixture(scope="module")
-def seen(
-    ask: Ask, valley: Path, slope: Slope, line: Path, layers: dict[str, str]
-) -> dict[str, Any]:
+def seen(ask: Ask, valley: Path, slope: Slope, layers: dict[str, str]) -> dict[str, Any]:
     """One QGIS that runs, zones from layers, cuts a profile, and is given wrong input."""
     wrong = slope.folder / "wrong.toml"
     wrong.write_text(slope.config.read_text().replace("spacing_m", "spacing"))
@@ -177,9 +170,12 @@ def seen(
     calls = {
         "run": calling("run", out / "run", CONFIG=valley, SEED=12345678),
         "zone": calling("zone", out / "zone", **zoned),
-        "again": calling("zone", out / "zone", **zoned, OVERWRITE=True),
-        "profile": calling("profile", out / "one", CONFIG=slope.config, LINE=f"@{line}|1"),
-        "two lines": calling("profile", out / "two", CONFIG=slope.config, LINE=f"@{line}"),
+        "profile": calling(
+            "profile", out / "one", CONFIG=slope.config, LINE=f"@{layers['lines']}|1"
+        ),
+        "two lines": calling(
+            "profile", out / "two", CONFIG=slope.config, LINE=f"@{layers['lines']}"
+        ),
         "wrong key": calling("run", out / "x", CONFIG=wrong),
         "nothing": calling("run", out / "x"),
         "both": calling("run", out / "x", CONFIG=valley, **plain),
@@ -189,6 +185,7 @@ def seen(
         "no kind": calling("run", out / "x", **plain, BARRIERS=f"@{layers['bare']}"),
         "no vulnerability": calling("run", out / "x", **plain, ROADS=f"@{layers['bare']}"),
         "written": calling("configuration", out / "later", **zoned, AUTO=True),
+        "again": calling("configuration", out / "later", **zoned, AUTO=True),
         "other choices": calling("zone", out / "zone", **{**zoned, "SPACING": 7}),
     }
     report = ask(*calls.values())
@@ -228,7 +225,7 @@ def test_the_zip_has_what_a_plugin_must_have(tmp_path: Path) -> None:
     assert general["hasProcessingProvider"] == "yes" and general["icon"] in files
 
 
-def test_a_zip_that_the_index_would_refuse_is_named(tmp_path: Path, wheel: Path) -> None:
+def test_a_zip_that_the_index_would_refuse_is_named(tmp_path: Path) -> None:
     file = tmp_path / "plugin.zip"
     make_zip(file)
     assert problems_of(file) == [f"metadata: no {key}" for key in REQUIRED[-3:]]
@@ -238,8 +235,8 @@ def test_a_zip_that_the_index_would_refuse_is_named(tmp_path: Path, wheel: Path)
     ]  # fmt: skip
     make_zip(file, "https://code.sassgis.ch/sassgis", "rockfall@sassgis.ch")
     with zipfile.ZipFile(file, "a") as archive:
-        archive.write(wheel, f"sassgis_plugin/{wheel.name}")
-    assert problems_of(file) == [f"holds sassgis_plugin/{wheel.name}; expected no binaries"]
+        archive.writestr("sassgis_plugin/a.whl", b"")
+    assert problems_of(file) == ["holds sassgis_plugin/a.whl; expected no binaries"]
 
 
 def test_nothing_of_the_program_is_imported_and_qt_has_no_version() -> None:
@@ -249,52 +246,16 @@ def test_nothing_of_the_program_is_imported_and_qt_has_no_version() -> None:
             assert word not in text, f"{file.name}: {word}"
 
 
-def dotted(node: ast.expr) -> list[str]:
-    """Parts of a name with points: ``Qt.MouseButton.LeftButton``."""
-    if isinstance(node, ast.Attribute):
-        return [*dotted(node.value), node.attr]
-    return [node.id] if isinstance(node, ast.Name) else [""]
-
-
-def names_of_qt() -> dict[str, tuple[set[str], set[str]]]:
-    """Names that the plugin takes from Qt: the modules it looks in, and what it asks of each."""
-    found: dict[str, tuple[set[str], set[str]]] = {}
-    for file in PLUGIN.glob("*.py"):
-        nodes = list(ast.walk(ast.parse(file.read_text(encoding="utf-8"))))
-        own = set()
-        for node in nodes:
-            if isinstance(node, ast.ImportFrom) and (node.module or "").startswith("qgis.PyQt."):
-                for name in node.names:
-                    own.add(name.name)
-                    found.setdefault(name.name, (set(), set()))[0].add(str(node.module))
-        for node in nodes:
-            parts = dotted(node) if isinstance(node, ast.Attribute) else [""]
-            if parts[0] in own:
-                found[parts[0]][1].add(".".join(parts[1:]))
-    return found
-
-
 def test_values_of_qt_are_named_with_their_kind_as_qt_6_wants() -> None:
-    names = names_of_qt()
-    assert len(names) > 20 and "MouseButton.RightButton" in names["Qt"][1]
-    for name, (_, asked) in names.items():
-        for chain in asked:
-            # In Qt 6 there is Qt.MouseButton.RightButton, and no Qt.RightButton.
-            alone = chain[0].isupper() and "." not in chain
-            assert not alone or any(own.startswith(f"{chain}.") for own in asked), f"{name}.{chain}"
-
-
-def test_qt_6_has_the_names() -> None:
-    pytest.importorskip("PyQt6")
-    for name, (modules, asked) in names_of_qt().items():
-        parts = [module.replace("qgis.PyQt", "PyQt6") for module in modules]
-        (own, *_) = [
-            getattr(module, name)
-            for module in map(importlib.import_module, parts)
-            if hasattr(module, name)
-        ]
-        for chain in asked:
-            operator.attrgetter(chain)(own)
+    texts = "\n".join(file.read_text(encoding="utf-8") for file in PLUGIN.glob("*.py"))
+    imports = re.findall(r"from qgis\.PyQt\.\w+ import (\([^)]*\)|[^\n]+)", texts)
+    taken = {name for names in imports for name in re.findall(r"\w+", names)}
+    asked = {name for name in re.findall(r"\bQ\w*(?:\.\w+)+", texts) if name.split(".")[0] in taken}
+    assert len(taken) > 20 and "Qt.MouseButton.RightButton" in asked
+    for name in asked:
+        # In Qt 6 there is Qt.MouseButton.RightButton, and no Qt.RightButton.
+        alone = name.count(".") == 1 and name.split(".")[1][0].isupper()
+        assert not alone or any(own.startswith(f"{name}.") for own in asked), name
 
 
 def constants(name: str) -> dict[str, Any]:
@@ -416,9 +377,7 @@ def test_zones_from_layers_come_from_a_configuration_that_is_kept(
 ) -> None:
     call = seen["calls"]["zone"]
     assert call["error"] is None
-    zones = next(
-        layer for layer in leaves(call["tree"]) if layer["name"].startswith("Hazard zones")
-    )
+    zones = next(own for own in leaves(call["tree"]) if own["name"].startswith("Hazard zones"))
     assert zones["visible"] and zones["renderer"] != "singleSymbol"
     config = slope.folder / "zone_inputs" / "sassgis.toml"
     assert call["results"]["USED_CONFIG"] == str(config)
@@ -432,16 +391,14 @@ def test_zones_from_layers_come_from_a_configuration_that_is_kept(
     # A value under another name must not be a silent zero.
     assert "edits: no attribute limit, computed" in call["warnings"]
     assert made.ground.default == "talus" and made.hazard.ref_width_m == 10.0
-    assert [(b.name, b.volume_m3) for b in made.blocks] == [
-        ("small", (0.1, 0.3)), ("large", (1.0, 2.5)),
-    ]  # fmt: skip
-    assert [made.onsets[b.name].frequency for b in made.blocks] == [0.2, 0.05]
+    blocks = [(b.name, b.volume_m3, made.onsets[b.name].frequency) for b in made.blocks]
+    assert blocks == [("small", (0.1, 0.3), 0.2), ("large", (1.0, 2.5), 0.05)]
     run = read_map_run(made)
     assert {run.table.names[i] for i in np.unique(run.ground)} == {"talus", "soft_meadow"}
     ((net, _),) = run.control_lines
     assert (net.name, net.kind, net.height_m, net.capacity_kj) == ("net A", "net", 3.0, 1000.0)
     assert run.forest is not None and run.forest.stems_per_m2.max() == pytest.approx(0.03)
-    # Equal layers are equal inputs: the second call had nothing to do anew.
+    # Equal layers are equal inputs, which are there already.
     assert seen["calls"]["again"]["error"] is None
     share = float(call["results"]["CHANGED_SHARE"])
     told = [t for t in (*call["info"], *call["warnings"]) if "With another random seed" in t]
@@ -500,9 +457,7 @@ def test_the_other_tools_do_their_work(others: dict[str, Any], slope: Slope) -> 
 def test_the_panel_leads_from_terrain_to_sheets(
     ask: Ask, slope: Slope, layers: dict[str, str], tmp_path: Path
 ) -> None:
-    pictures = Path(os.environ.get("SASSGIS_PICTURES", tmp_path))
-    task = {"dem": slope.folder / "dem.tif", "layers": layers, "folder": tmp_path / "result",
-            "pictures": str(pictures)}  # fmt: skip
+    task = {"dem": slope.folder / "dem.tif", "layers": layers, "folder": tmp_path / "result"}
     seen = ask(steps=task)["steps"]
     assert seen["begin"]["next"] == "<b>Next: terrain (a terrain model).</b>"
     assert not seen["begin"]["run"] and not seen["begin"]["zone"]
@@ -524,7 +479,6 @@ def test_the_panel_leads_from_terrain_to_sheets(
     )
     assert "Hazard level" in after["sheets"][0]
     assert any("Hazard zones" in layer["name"] for layer in leaves(seen["tree"]))
-    assert all((pictures / f"{name}.png").stat().st_size > 10_000 for name in ("before", "after"))
 
 
 @pytest.mark.battery
@@ -561,39 +515,31 @@ def test_commands_get_their_arguments_and_none_of_the_surroundings(
         calling("batch", out, **both, RELEASES=table, MOSAIC_ONLY=True, MEMORY=2.5),
         calling("batch", out, **both),
         calling("sensitivity", out, **both, SAMPLES=16, SEED=2147483647),
-        {
-            "algorithm": "sassgis:frequency",
-            "parameters": {"VOLUMES": table, "COMPLETE": 0.05, "YEARS": 40, "LIMITS": "0.1,1"},
-        },
+        {"algorithm": "sassgis:frequency",
+         "parameters": {"VOLUMES": table, "COMPLETE": 0.05, "YEARS": 40, "LIMITS": "0.1,1"}},
         calling("rockyfor3d", tmp_path / "r.toml", FOLDER=slope.folder, CRS="EPSG:2056"),
         program=echo,
-    )["calls"]
+    )["calls"]  # fmt: skip
     tail, config, folder = f"--jobs 1 -o {out} --overwrite", slope.config, slope.folder
-    for call, command in zip(
-        report,
-        (
-            f"calibrate {config} --observations {folder} --draws 20",
-            f"gap diagnose {config} --observations {folder} --draws 20 --map",
-            f"batch {table} --config {config} --mosaic-only --memory 2.5",
-            f"batch {config}",
-        ),
-        strict=False,
-    ):
+    commands = (
+        f"calibrate {config} --observations {folder} --draws 20",
+        f"gap diagnose {config} --observations {folder} --draws 20 --map",
+        f"batch {table} --config {config} --mosaic-only --memory 2.5",
+        f"batch {config}",
+    )
+    for call, command in zip(report, commands, strict=False):
         assert call["error"] is None
         assert f"called: {command} {tail}; PYTHONSTARTUP=[]" in call["info"]
         assert any("sassgis 9.9.9 is installed" in text for text in call["warnings"])
         # Without a project, each layer brings the style that the file has for it.
         assert "categorizedSymbol" in {layer["renderer"] for layer in leaves(call["tree"])}
     # Numbers of a million and more keep all of their digits.
-    for call, words in zip(
-        report[4:],
-        (
-            f"sensitivity {config} --samples 16 --jobs 1 --seed 2147483647 -o {out} --overwrite",
-            f"frequency {table} --complete-from 0.05 --years 40 --scenarios 0.1,1",
-            f"init {tmp_path / 'r.toml'} --rockyfor3d {folder} --set terrain.crs=EPSG:2056",
-        ),
-        strict=True,
-    ):
+    commands = (
+        f"sensitivity {config} --samples 16 --jobs 1 --seed 2147483647 -o {out} --overwrite",
+        f"frequency {table} --complete-from 0.05 --years 40 --scenarios 0.1,1",
+        f"init {tmp_path / 'r.toml'} --rockyfor3d {folder} --set terrain.crs=EPSG:2056",
+    )
+    for call, words in zip(report[4:], commands, strict=True):
         assert f"called: {words}; PYTHONSTARTUP=[]" in call["info"], call
 
 

@@ -20,7 +20,7 @@ from helpers.zone_slope import Case, box, place, two_areas
 import sassgis
 from sassgis.hazard.curves import return_period
 from sassgis.outputs.qgis.run_project import onset_words
-from sassgis.report.map_page import Contribution, _logarithm, _shares, _strongest
+from sassgis.report.map_page import Contribution, in_steps, largest_shares, strongest_cells
 from sassgis.report.protection_page import best_places
 from sassgis.runs.zone import ZoneResult
 from sassgis.settings.languages import in_language, translated
@@ -103,9 +103,6 @@ def opened(tmp_path_factory: pytest.TempPathFactory) -> Callable[..., Any]:
     return run
 
 
-# --- the file ------------------------------------------------------------------------------------
-
-
 def test_nothing_is_fetched_and_names_cannot_end_the_script(zoned: Zoned) -> None:
     text = zoned[1].read_text(encoding="utf-8")
     style = text[text.index("<style>") : text.rindex("</style>")]
@@ -117,14 +114,15 @@ def test_nothing_is_fetched_and_names_cannot_end_the_script(zoned: Zoned) -> Non
     assert zoned[1].stat().st_size < 1_500_000
 
 
-def test_equal_runs_give_equal_pages(case: Case, zoned: Zoned, tmp_path: Path) -> None:
+def test_equal_runs_give_equal_files(case: Case, zoned: Zoned, tmp_path: Path) -> None:
     sassgis.zone(case.config, tmp_path / "out", jobs=1)
-    assert (tmp_path / "out" / "map.html").read_bytes() == zoned[1].read_bytes()
+    for name in ("map.html", "manifest.json"):
+        assert (tmp_path / "out" / name).read_bytes() == zoned[1].with_name(name).read_bytes()
 
 
 def test_the_numbers_of_a_cell_are_kept_to_a_thousandth() -> None:
     values = np.concatenate([[0.0, 1e-9, 0.123, 1.0, 30.0, 12345.6, 1e7], np.logspace(-8, 7, 500)])
-    steps = _logarithm(values)
+    steps = in_steps(values)
     back = np.where(steps > 0, 10.0 ** ((steps - 1.0) / 1000.0 - 10.0), 0.0)
     assert np.allclose(back, values, rtol=1.2e-3) and steps[0] == 0
 
@@ -133,16 +131,16 @@ def test_the_largest_sources_come_first_with_their_share_of_all() -> None:
     rng = np.random.default_rng(2)
     # In any order, as those of squares come.
     cells = rng.choice(1000, 60, replace=False)
-    own = []
+    own: list[Contribution] = []
     for k in range(7):
         at = np.sort(rng.choice(cells, 40, replace=False))
-        own.append(Contribution(f"a{k}", "s", at, rng.integers(1, 5, at.size).astype(float)))
+        own.append((f"a{k}", "s", at, rng.integers(1, 5, at.size).astype(float)))
     # One that reaches other cells, too.
-    own.append(Contribution("b", "s", np.arange(1000), np.full(1000, 3.0)))
-    which, share = _shares(own, cells)
+    own.append(("b", "s", np.arange(1000), np.full(1000, 3.0)))
+    which, share = largest_shares(own, cells)
     dense = np.zeros((len(own), 1000))
-    for k, source in enumerate(own):
-        dense[k, source.cells] = source.weight
+    for k, (*_, reached, weight) in enumerate(own):
+        dense[k, reached] = weight
     for row, cell in enumerate(cells):
         order = np.argsort(-dense[:, cell], kind="stable")[:3]
         expected = np.rint(1000.0 * dense[order, cell] / dense[:, cell].sum())
@@ -152,11 +150,8 @@ def test_the_largest_sources_come_first_with_their_share_of_all() -> None:
 def test_of_squares_of_cells_the_strongest_stays() -> None:
     strength = np.zeros((5, 7))
     strength[0, 0], strength[1, 1], strength[4, 6], strength[2, 3] = 1.0, 2.0, 0.5, 3.0
-    assert _strongest(strength.ravel(), (5, 7), 2).tolist() == [8, 17, 34]
-    assert _strongest(strength.ravel(), (5, 7), 1).tolist() == [0, 8, 17, 34]
-
-
-# --- in a browser --------------------------------------------------------------------------------
+    assert strongest_cells(strength.ravel(), (5, 7), 2).tolist() == [8, 17, 34]
+    assert strongest_cells(strength.ravel(), (5, 7), 1).tolist() == [0, 8, 17, 34]
 
 
 @browser

@@ -16,15 +16,8 @@ from sassgis.gap.forward.hypothesis_model import HypothesisModel
 from sassgis.gap.observations.case import Case
 from sassgis.gap.verdict.findings import is_stretch, limits_on, line_stretch, used_lines
 from sassgis.gap.words import finding_label, quantity_name, significance, tested_by
+from sassgis.settings import styles
 from sassgis.settings.labels import rounded
-from sassgis.settings.styles import (
-    FALL_LINE_STYLE,
-    STATION_STYLE,
-    StyleClass,
-    Symbol,
-    VectorStyle,
-    categorised_style,
-)
 
 #: How the map shows a gap: code, words, colour.
 _GAP_CLASSES: dict[str | int, tuple[str, str]] = {
@@ -82,8 +75,8 @@ def _drawing_order(findings: Sequence[GapFinding]) -> list[GapFinding]:
     return sorted(findings, key=lambda f: (-f.p_adjusted, -f.q_value))
 
 
-def _gap_style(symbol: Symbol) -> VectorStyle:
-    style = categorised_style(symbol, "shown_as", _GAP_CLASSES)
+def _gap_style(symbol: styles.Symbol) -> styles.VectorStyle:
+    style = styles.categorised_style(symbol, "shown_as", _GAP_CLASSES)
     return dataclasses.replace(style, label_column="label")
 
 
@@ -94,7 +87,7 @@ def gap_points(case: Case, diagnosis: Diagnosis) -> VectorLayer:
         shapely.Point(f.x, f.y) if math.isfinite(f.x) and math.isfinite(f.y) else None
         for f in chosen
     ]
-    symbol = Symbol("marker", "#9a9a9a", size_mm=3.2, outline="#1a1a1a", outline_mm=0.2)
+    symbol = styles.Symbol("marker", "#9a9a9a", size_mm=3.2, outline="#1a1a1a", outline_mm=0.2)
     columns = _finding_columns(chosen)
     return described_layer("gap_points", columns, places, case.grid.crs, _gap_style(symbol))
 
@@ -123,7 +116,7 @@ def gap_stretches(case: Case, diagnosis: Diagnosis) -> VectorLayer:
         "s0_m": np.array([round(f.s0_m, 2) for f in rows], float),
         "s1_m": np.array([round(f.s1_m, 2) for f in rows], float),
     }
-    style = _gap_style(Symbol("line", "#9a9a9a", opacity=0.85, size_mm=_REACH_WIDTH_MM))
+    style = _gap_style(styles.Symbol("line", "#9a9a9a", opacity=0.85, size_mm=_REACH_WIDTH_MM))
     return described_layer("gap_stretches", columns, shapes, case.grid.crs, style)
 
 
@@ -147,7 +140,9 @@ def station_layer(case: Case) -> VectorLayer:
         ),
     }
     shapes = [shapely.LineString(table.vertices[i]) for i in rows]
-    return described_layer("stations.observed", columns, shapes, case.grid.crs, STATION_STYLE)
+    return described_layer(
+        "stations.observed", columns, shapes, case.grid.crs, styles.STATION_STYLE
+    )
 
 
 def fall_line_layer(case: Case) -> VectorLayer:
@@ -165,7 +160,9 @@ def fall_line_layer(case: Case) -> VectorLayer:
         "rock_ids": [", ".join(str(n) for n in r) for r in rocks],
         "length_m": np.array([round(shape.length, 2) for shape in shapes], float),
     }
-    return described_layer("fall_lines.observed", columns, shapes, case.grid.crs, FALL_LINE_STYLE)
+    return described_layer(
+        "fall_lines.observed", columns, shapes, case.grid.crs, styles.FALL_LINE_STYLE
+    )
 
 
 def _predicted_runout(diagnosis: Diagnosis) -> float:
@@ -198,17 +195,17 @@ def stop_layer(case: Case, diagnosis: Diagnosis) -> VectorLayer:
         "lateral_m": np.round(at.lateral_m[rows], 2),
         "note": [beyond[int(b)] for b in at.beyond[rows]],
     }
-    symbol = Symbol(
+    symbol = styles.Symbol(
         "marker", "#ffffff", size_mm=2.2, outline="#1a1a1a", outline_mm=0.3, shape="diamond"
     )
     grey = dataclasses.replace(symbol, colour="#9a9a9a")
     classes = (
-        StyleClass("rock", symbol, value="rock"),
-        StyleClass("piece", dataclasses.replace(symbol, size_mm=1.4), value="piece"),
-        StyleClass("unattributed block", grey, value="unattributed"),
+        styles.StyleClass("rock", symbol, value="rock"),
+        styles.StyleClass("piece", dataclasses.replace(symbol, size_mm=1.4), value="piece"),
+        styles.StyleClass("unattributed block", grey, value="unattributed"),
     )
     places = shapely.points(table.x[rows], table.y[rows])
-    style = VectorStyle(symbol, "categories", "kind", classes)
+    style = styles.VectorStyle(symbol, "categories", "kind", classes)
     return described_layer("stops.observed", columns, places, case.grid.crs, style)
 
 
@@ -230,20 +227,15 @@ def impact_layer(case: Case) -> VectorLayer:
         "energy_kept": np.round(kept[rows], 4),
         "turn_deg": table.turn_deg[rows],
     }
-    symbol = Symbol(
+    symbol = styles.Symbol(
         "marker", "#e69f00", size_mm=1.8, outline="#1a1a1a", outline_mm=0.15, shape="triangle"
     )
     places = shapely.points(table.x[rows], table.y[rows])
-    return described_layer("impacts", columns, places, case.grid.crs, VectorStyle(symbol))
+    return described_layer("impacts", columns, places, case.grid.crs, styles.VectorStyle(symbol))
 
 
 def stand_polygon(case: Case, stand: tuple[float, float]) -> shapely.MultiPolygon:
-    """Return the area of a stand between two chainages of the fall lines (m).
-
-    It is empty where no line reaches it.
-
-    The stretches of the fall lines widened to both sides, as far as it takes to join neighbours.
-    """
+    """Return the fall lines between two chainages (m), widened until neighbours join."""
     parts = [line_stretch(case.traces, i, *stand) for i in used_lines(case)]
     lines = [shapely.LineString(p) for p in parts if len(p) > 1]
     side = max(_STAND_SIDE_M, 2.0 * case.grid.cell_size)
@@ -273,5 +265,5 @@ def stand_layer(case: Case, model: HypothesisModel) -> VectorLayer | None:
         "to_m": np.array([round(stand.s1, 2)], float),
     }
     area = stand_polygon(case, (stand.s0, stand.s1))
-    symbol = Symbol("fill", "#238b45", opacity=0.35, outline="#00441b", outline_mm=0.3)
-    return described_layer("stand", columns, [area], case.grid.crs, VectorStyle(symbol))
+    symbol = styles.Symbol("fill", "#238b45", opacity=0.35, outline="#00441b", outline_mm=0.3)
+    return described_layer("stand", columns, [area], case.grid.crs, styles.VectorStyle(symbol))

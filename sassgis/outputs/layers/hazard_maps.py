@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -13,13 +13,16 @@ from sassgis.hazard.curves import at_energies, energy_at, rate_interval, return_
 from sassgis.hazard.levels import hazard_level, intensity_class
 from sassgis.hazard.preset_labels import energy_labels, preset_unverified
 from sassgis.hazard.sampling_error import LevelChances, rocks_factor
-from sassgis.outputs.layers.maps import Place, described_band, described_raster, level_classes
+from sassgis.outputs.layers.maps import described_band, described_raster, level_classes, on_grid
 from sassgis.settings.hazard_rules import HazardCurves, HazardPreset
 from sassgis.settings.languages import joined, phrase
 from sassgis.settings.results import Band, RasterClass, RasterLayer
 
 #: Colours of "statistically certain" and "uncertain".
 _CERTAIN, _UNCERTAIN = "#b8c4c2", "#d6721f"
+
+#: Makes a band of a map from the values of the cells of the curves.
+_Banding = Callable[..., Band]
 
 
 def hazard_layers(
@@ -34,180 +37,165 @@ def hazard_layers(
 ) -> tuple[RasterLayer, ...]:
     """Map level and its certainty, intensity, energy, return period and frequency.
 
-    Cells to which a statement does not apply are NaN: those that no block reaches, or not as often;
-    but another sample may give a level to some that this one does not reach.
-    The thresholds of the preset are among the energies of the curves. Intensity and energy are
-    mapped for the return periods (years, ascending), all frequencies for the reference width (m);
-    ``confidence`` is that of the intervals, ``chances`` are those of the curves.
+    Cells that no block reaches, or not as often, are NaN; but another sample may give a level to
+    some that this one does not reach. The thresholds of the preset are among the energies of the
+    curves. Return periods (years) are ascending; all frequencies are for the reference width (m).
     """
-    maker = _Maker(curves, preset, grid, ref_width_m, confidence)
+    few = at_energies(curves, preset.thresholds_kj)
+
+    def band(key: str, column: str, values: NDArray[Any], name: str = "", **words: Any) -> Band:
+        known = np.where(np.isfinite(values), values, np.nan)
+        return described_band(key, column, on_grid(known, curves.places, grid.shape), name, **words)
+
+    words = _words(preset, ref_width_m, confidence)
+    levels = [band("hazard_level", "level", _codes(hazard_level(few, preset)))]
+    periods = [
+        band("return_period", "t", t, f"t{e:g}", of_energy=_of_energy(e))
+        for e, t in zip(few.energies_kj, return_period(few.rate).T, strict=True)
+    ]
+    breaks = (0.0, *preset.return_periods)
     return (
-        maker.level(),
-        *(maker.intensity(years) for years in return_periods),
-        maker.intensity(None),
-        maker.energy(return_periods),
-        maker.return_period(),
-        maker.frequency(),
-        maker.confidence(chances),
+        described_raster("hazard_level", levels, classes=level_classes(preset), **words),
+        *(_intensity(band, few, preset, years, words) for years in (*return_periods, None)),
+        _energy(band, curves, preset, return_periods, words),
+        described_raster("return_period", periods, breaks, "plasma", **words),
+        _frequency(band, few, preset, confidence, words),
+        _confidence(band, few, preset, chances, grid.shape, confidence, words),
     )
 
 
-class _Maker:
-    """The layers one by one; what they share is computed once."""
+def _words(preset: HazardPreset, ref_width_m: float, confidence: float) -> dict[str, Any]:
+    """Return what the notes of all maps say."""
+    percent = f"{100.0 * confidence:g} %"
+    named = phrase("Preset {} ({}).", preset.name, phrase(preset.title))
+    return {
+        "percent": percent,
+        "frequencies": phrase(
+            "Annual frequency: onset frequency times the share of the simulated blocks that "
+            "reach the cell, summed over release areas and block scenarios. Reference width "
+            "{} m.",
+            f"{ref_width_m:.4g}",
+        ),
+        "rules": joined(" ", [named, *preset_unverified(preset)]),
+        "sampled": phrase(
+            "{} intervals cover the sampling of blocks. They do not cover errors of the "
+            "model, its parameters or the onset frequency.",
+            percent,
+        ),
+    }
 
-    def __init__(
-        self,
-        curves: HazardCurves,
-        preset: HazardPreset,
-        grid: Grid,
-        ref_width_m: float,
-        confidence: float,
-    ) -> None:
-        self._curves = curves
-        self._few = at_energies(curves, preset.thresholds_kj)
-        self._reached = self._few.rate[:, 0] > 0.0
-        self._preset = preset
-        self._place = Place(curves.places, grid.shape)
-        self._confidence = confidence
-        percent = f"{100.0 * confidence:g} %"
-        named = phrase("Preset {} ({}).", preset.name, phrase(preset.title))
-        self._words: dict[str, Any] = {
-            "percent": percent,
-            "frequencies": phrase(
-                "Annual frequency: onset frequency times the share of the simulated blocks that "
-                "reach the cell, summed over release areas and block scenarios. Reference width "
-                "{} m.",
-                f"{ref_width_m:.4g}",
-            ),
-            "rules": joined(" ", [named, *preset_unverified(preset)]),
-            "sampled": phrase(
-                "{} intervals cover the sampling of blocks. They do not cover errors of the "
-                "model, its parameters or the onset frequency.",
-                percent,
-            ),
-        }
 
-    def level(self) -> RasterLayer:
-        key, classes = "hazard_level", level_classes(self._preset)
-        bands = [self._classes(key, "level", hazard_level(self._few, self._preset))]
-        return described_raster(key, bands, classes=classes, **self._words)
+def _codes(codes: NDArray[np.int16]) -> FloatArray:
+    return np.where(codes > 0, codes, np.nan)
 
-    def intensity(self, years: float | None) -> RasterLayer:
-        if years is None:
-            stem, when = "intensity_extreme", phrase("extreme event")
-            what = phrase(
-                "Strongest class of intensity of any simulated block that is not too rare for a "
-                "level."
-            )
-        else:
-            stem, when = f"intensity_{years:g}", phrase("return period {} years", f"{years:g}")
-            what = phrase(
-                "Strongest class of intensity whose lower limit of energy is reached or exceeded "
-                "at least once in {} years.",
-                f"{years:g}",
-            )
-        key, codes = "intensity", intensity_class(self._few, self._preset, years)
-        labels = zip(self._preset.intensities, energy_labels(self._preset), strict=True)
-        return described_raster(
-            key,
-            [self._classes(key, key, codes, when=when)],
-            classes=[
-                RasterClass(i, phrase("{} ({})", phrase(c.label), phrase(span)), c.colour)
-                for i, (c, span) in enumerate(labels, start=1)
-            ],
-            stem=stem,
-            what=what,
-            when=when,
-            **self._words,
+
+def _intensity(
+    band: _Banding,
+    few: HazardCurves,
+    preset: HazardPreset,
+    years: float | None,
+    words: Mapping[str, Any],
+) -> RasterLayer:
+    """Map the intensity of a return period, or of the extreme event."""
+    if years is None:
+        stem, when = "intensity_extreme", phrase("extreme event")
+        what = phrase(
+            "Strongest class of intensity of any simulated block that is not too rare for a level."
         )
-
-    def energy(self, return_periods: Sequence[float]) -> RasterLayer:
-        # The longest return period is the first band, the one shown: it reaches farthest.
-        periods = (*return_periods[-1:], *return_periods[:-1])
-        key, energies = "energy_at_return_period", self._curves.energies_kj
-        return described_raster(
-            key,
-            [
-                self._band(key, "e", energy_at(self._curves, years), f"e{years:g}", years=years)
-                for years in periods
-            ],
-            (0.0, *self._preset.thresholds_kj[1:]),
-            "YlOrRd",
-            once=phrase(" once in {} years", f"{periods[0]:g}") if periods else "",
-            count=energies.size,
-            first=energies[0],
-            last=energies[-1],
-            **self._words,
+    else:
+        stem, when = f"intensity_{years:g}", phrase("return period {} years", f"{years:g}")
+        what = phrase(
+            "Strongest class of intensity whose lower limit of energy is reached or exceeded at "
+            "least once in {} years.",
+            f"{years:g}",
         )
+    codes = _codes(intensity_class(few, preset, years))
+    labels = zip(preset.intensities, energy_labels(preset), strict=True)
+    classes = [
+        RasterClass(i, phrase("{} ({})", phrase(c.label), phrase(span)), c.colour)
+        for i, (c, span) in enumerate(labels, start=1)
+    ]
+    bands = [band("intensity", "intensity", codes, when=when)]
+    more = {"what": what, "when": when, **words}
+    return described_raster("intensity", bands, classes=classes, stem=stem, **more)
 
-    def return_period(self) -> RasterLayer:
-        key, years = "return_period", return_period(self._few.rate)
-        bands = [
-            self._band(key, "t", t, f"t{e:g}", of_energy=_of_energy(e))
-            for e, t in zip(self._few.energies_kj, years.T, strict=True)
-        ]
-        breaks = (0.0, *self._preset.return_periods)
-        return described_raster(key, bands, breaks, "plasma", **self._words)
 
-    def frequency(self) -> RasterLayer:
-        lower, upper = rate_interval(self._few, self._confidence)
-        error = np.sqrt(self._few.variance)
-        values = {"rate": self._few.rate, "standard_error": error, "lower": lower, "upper": upper}
-        bands = [
-            self._band(
-                "frequency",
-                column,
-                np.where(self._reached, of_all[:, i], np.nan),
-                f"{column}_{energy:g}",
-                of_energy=_of_energy(energy),
-            )
-            for i, energy in enumerate(self._few.energies_kj)
-            for column, of_all in values.items()
-        ]
-        limits = sorted(1.0 / t for t in self._preset.return_periods)
-        breaks = (0.0, 0.1 * limits[0], *limits, 10.0 * limits[-1])
-        return described_raster("frequency", bands, breaks, "plasma_r", **self._words)
+def _energy(
+    band: _Banding,
+    curves: HazardCurves,
+    preset: HazardPreset,
+    return_periods: Sequence[float],
+    words: Mapping[str, Any],
+) -> RasterLayer:
+    """Map the energy; the longest return period is the first band, the one shown."""
+    periods = (*return_periods[-1:], *return_periods[:-1])
+    key, energies = "energy_at_return_period", curves.energies_kj
+    bands = [band(key, "e", energy_at(curves, t), f"e{t:g}", years=t) for t in periods]
+    once = phrase(" once in {} years", f"{periods[0]:g}") if periods else ""
+    ends = {"count": energies.size, "first": energies[0], "last": energies[-1]}
+    breaks = (0.0, *preset.thresholds_kj[1:])
+    return described_raster(key, bands, breaks, "YlOrRd", once=once, **ends, **words)
 
-    def confidence(self, chances: LevelChances) -> RasterLayer:
-        factor = rocks_factor(self._few, self._preset, chances, self._confidence)
-        factor = np.where(self._reached & np.isfinite(factor), factor, np.nan)
-        # Another sample may come where this one did not.
-        place = Place(chances.places, self._place.shape)
-        seen = (chances.level > 0) | (chances.changed > 0.0)
-        lowest, highest = (np.where(k > 0, k, np.nan) for k in chances.interval(self._confidence))
-        values = {
-            "uncertain": np.where(seen, chances.uncertain(self._confidence), np.nan),
-            "change_chance": np.where(seen, chances.changed, np.nan),
-            "lowest_level": lowest,
-            "highest_level": highest,
-        }
-        key = "confidence"
-        bands = [described_band(key, name, place.map_of(own)) for name, own in values.items()]
-        return described_raster(
-            key,
-            [*bands, self._band(key, "rocks_factor", factor)],
-            classes=(
-                RasterClass(0, "statistically certain", _CERTAIN),
-                RasterClass(1, "statistically uncertain", _UNCERTAIN),
-            ),
-            codes=joined(
-                "; ",
-                (
-                    phrase("{} = {}", k, phrase(level.label))
-                    for k, level in enumerate(self._preset.levels, start=1)
-                ),
-            ),
-            **self._words,
+
+def _frequency(
+    band: _Banding,
+    few: HazardCurves,
+    preset: HazardPreset,
+    confidence: float,
+    words: Mapping[str, Any],
+) -> RasterLayer:
+    lower, upper = rate_interval(few, confidence)
+    error, reached = np.sqrt(few.variance), few.rate[:, 0] > 0.0
+    values = {"rate": few.rate, "standard_error": error, "lower": lower, "upper": upper}
+    bands = [
+        band(
+            "frequency",
+            column,
+            np.where(reached, of_all[:, i], np.nan),
+            f"{column}_{energy:g}",
+            of_energy=_of_energy(energy),
         )
+        for i, energy in enumerate(few.energies_kj)
+        for column, of_all in values.items()
+    ]
+    limits = sorted(1.0 / t for t in preset.return_periods)
+    breaks = (0.0, 0.1 * limits[0], *limits, 10.0 * limits[-1])
+    return described_raster("frequency", bands, breaks, "plasma_r", **words)
 
-    def _classes(self, key: str, column: str, codes: NDArray[np.int16], **words: Any) -> Band:
-        return self._band(key, column, np.where(codes > 0, codes, np.nan), **words)
 
-    def _band(
-        self, key: str, column: str, values: FloatArray, name: str = "", **words: Any
-    ) -> Band:
-        on_map = self._place.map_of(np.where(np.isfinite(values), values, np.nan))
-        return described_band(key, column, on_map, name, **words)
+def _confidence(
+    band: _Banding,
+    few: HazardCurves,
+    preset: HazardPreset,
+    chances: LevelChances,
+    shape: tuple[int, int],
+    confidence: float,
+    words: Mapping[str, Any],
+) -> RasterLayer:
+    """Map how sure the level is, also where only another sample would come."""
+    factor = rocks_factor(few, preset, chances, confidence)
+    factor = np.where((few.rate[:, 0] > 0.0) & np.isfinite(factor), factor, np.nan)
+    seen = (chances.level > 0) | (chances.changed > 0.0)
+    lowest, highest = (_codes(k) for k in chances.interval(confidence))
+    values = {
+        "uncertain": np.where(seen, chances.uncertain(confidence), np.nan),
+        "change_chance": np.where(seen, chances.changed, np.nan),
+        "lowest_level": lowest,
+        "highest_level": highest,
+    }
+    key = "confidence"
+    bands = [
+        described_band(key, name, on_grid(own, chances.places, shape))
+        for name, own in values.items()
+    ]
+    classes = (
+        RasterClass(0, "statistically certain", _CERTAIN),
+        RasterClass(1, "statistically uncertain", _UNCERTAIN),
+    )
+    levels = enumerate(preset.levels, start=1)
+    codes = joined("; ", (phrase("{} = {}", k, phrase(level.label)) for k, level in levels))
+    bands.append(band(key, "rocks_factor", factor))
+    return described_raster(key, bands, classes=classes, codes=codes, **words)
 
 
 def _of_energy(energy_kj: float) -> str:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,26 +18,17 @@ from sassgis.settings.styles import HILLSHADE
 from sassgis.simulation.map_sums import MapSums, Sample, band_values
 
 
-class Place(NamedTuple):
-    """Where values of single cells belong: their places in a map of ``shape`` (rows, columns)."""
-
-    cells: IntArray
-    shape: tuple[int, int]
-
-    def map_of(self, values: NDArray[Any]) -> NDArray[np.float32]:
-        """Return a map of the values, NaN elsewhere."""
-        out = np.full(self.shape[0] * self.shape[1], np.nan, np.float32)
-        out[self.cells] = values.astype(np.float32)
-        return out.reshape(self.shape)
+def on_grid(values: NDArray[Any], cells: IntArray, shape: tuple[int, int]) -> NDArray[np.float32]:
+    """Return a map of the values of single cells, NaN elsewhere."""
+    out = np.full(shape[0] * shape[1], np.nan, np.float32)
+    out[cells] = values.astype(np.float32)
+    return out.reshape(shape)
 
 
 def described_band(
     key: str, column: str, values: NDArray[Any], name: str = "", **words: object
 ) -> Band:
-    """Return a band as its row in ``data/map_layers.csv`` describes it.
-
-    Its name is that of the row unless another is given; ``words`` take the places of ``{...}``.
-    """
+    """Return a band as its row in ``data/map_layers.csv`` says; ``words`` fill its ``{...}``."""
     row = descriptions()[key][column]
     description, unit = (phrase(row[part], **words) for part in ("alias", "unit"))
     return Band(name or column, description, unit, values.astype(np.float32))
@@ -83,9 +74,8 @@ def map_layers(
 ) -> tuple[RasterLayer, ...]:
     """Return layers of all that is known per cell of the blocks; NaN in cells that none reaches.
 
-    ``edges`` are those of the histograms by quantity. The side of a cell (m) is the reference width
-    of the reach probability. The energy classes (kJ) are those of the legend, if they are not those
-    of the table of statistics.
+    ``edges`` are those of the histograms by quantity. The cell size (m) is the reference width of
+    the reach probability. The energy classes (kJ) replace those of the legend.
     """
     words = {
         "rocks": sample.started,
@@ -112,14 +102,13 @@ def map_layers(
         ),
     }
     breaks = {"energy": (0.0, *energy_classes_kj)} if energy_classes_kj else {}
-    place = Place(sums.cells, shape)
     return tuple(
         RasterLayer(
             row.stem,
             row.title,
             phrase(row.note, **words),
             tuple(
-                Band(name, row.description(name), row.unit, place.map_of(values))
+                Band(name, row.description(name), row.unit, on_grid(values, sums.cells, shape))
                 for name, values in band_values(row, sums, sample, edges).items()
             ),
             breaks.get(row.quantity, row.breaks),

@@ -11,15 +11,8 @@ import pandas as pd
 import shapely
 
 from sassgis.files.vector_layer import VectorLayer, described_layer
+from sassgis.hazard import risk
 from sassgis.hazard.object_values import ObjectEstimate, ObjectValues
-from sassgis.hazard.risk import (
-    ADDITIVE,
-    QUANTITIES,
-    RiskTable,
-    object_rows,
-    source_rows,
-    total_rows,
-)
 from sassgis.settings.exposure import PlacedObjects
 from sassgis.settings.labels import rounded
 from sassgis.settings.languages import phrase
@@ -64,10 +57,7 @@ _LIMITS = "by the sampling of blocks; none of the model or of the onset frequenc
 
 
 def exposed_layers(placed: PlacedObjects, crs: str) -> list[VectorLayer]:
-    """Return layers of areas, lines and points, those that have objects.
-
-    Stretches of a road are one object.
-    """
+    """Return layers of areas, lines and points, those that have objects; a road is one."""
     whole = {"name": [t.whole for t in placed.objects], "kind": [t.kind for t in placed.objects]}
     frame = gpd.GeoDataFrame(whole, geometry=list(placed.geometries), crs=crs or None)
     frame = frame.dissolve(["name", "kind"], sort=False).reset_index()[["name", "kind", "geometry"]]
@@ -86,7 +76,7 @@ def exposed_layers(placed: PlacedObjects, crs: str) -> list[VectorLayer]:
 
 
 def risk_frames(
-    table: RiskTable, currency: str, values: ObjectValues | None = None
+    table: risk.RiskTable, currency: str, values: ObjectValues | None = None
 ) -> dict[str, pd.DataFrame]:
     """Return the tables of a run by the stem of their files; the currency is a separate column.
 
@@ -96,19 +86,19 @@ def risk_frames(
     """
     hits = [f"hits_{code}" for code in table.intensities]
     who = ["name", "kind", "part_of"]
-    per_year = _with_errors([*hits, *QUANTITIES])
+    per_year = _with_errors([*hits, *risk.QUANTITIES])
     objects = [*who, "from_m", "length_m", "value", "value_per_m", "persons", "presence"]
     objects += ["traffic_per_day", *per_year, "hits_of_one_rock_per_year"]
     sources = [*who, "area", "scenario", *(f"{name}_per_year" for name in hits)]
-    sources += [*_with_errors(QUANTITIES), "share_of_loss", "share_of_deaths"]
+    sources += [*_with_errors(risk.QUANTITIES), "share_of_loss", "share_of_deaths"]
     totals = ["scope", "name", "objects"]
-    for q in ADDITIVE:
+    for q in risk.ADDITIVE:
         totals += [f"{q}_per_year", f"{q}_per_year_se", f"{q}_per_year_se_apart"]
     totals.append("individual_risk_largest_per_year")
     frames = {
-        "risk_objects": pd.DataFrame(object_rows(table), columns=objects),
-        "risk_sources": pd.DataFrame(source_rows(table), columns=sources),
-        "risk_total": pd.DataFrame(total_rows(table), columns=totals),
+        "risk_objects": pd.DataFrame(risk.object_rows(table), columns=objects),
+        "risk_sources": pd.DataFrame(risk.source_rows(table), columns=sources),
+        "risk_total": pd.DataFrame(risk.total_rows(table), columns=totals),
     }
     for name, estimate in value_columns(values).items():
         for limit, own in estimate.columns(name).items():
@@ -130,8 +120,8 @@ def value_columns(values: ObjectValues | None) -> dict[str, ObjectEstimate]:
 
 
 def risk_tables(
-    table: RiskTable,
-    without: RiskTable | None,
+    table: risk.RiskTable,
+    without: risk.RiskTable | None,
     currency: str,
     values: tuple[ObjectValues | None, ObjectValues | None] = (None, None),
 ) -> dict[str, pd.DataFrame]:
@@ -148,17 +138,16 @@ def _with_errors(quantities: Sequence[str]) -> list[str]:
 
 
 def risk_vectors(
-    table: RiskTable,
+    table: risk.RiskTable,
     placed: PlacedObjects,
     crs: str,
     currency: str,
     values: ObjectValues | None = None,
 ) -> list[VectorLayer]:
-    """Return layers of the objects of a table (in its order) with their attributes and results.
+    """Return ``risk_objects`` (polygons), ``risk_lines`` and ``risk_points``, those that there are.
 
-    ``risk_objects`` (polygons), ``risk_lines`` (stretches) and ``risk_points``, those that have
-    objects. Colours show the individual risk where people are at stake (on roads: the deaths on
-    each stretch), else the loss.
+    Colours show the individual risk where people are at stake (on roads: the deaths on each
+    stretch), else the loss.
     """
     if placed.objects != table.objects:
         raise ValueError("the places are not those of the objects of the table")
@@ -187,14 +176,14 @@ def _words(quantity: str, currency: str) -> FieldInfo:
     return FieldInfo(alias, phrase(unit, currency), text)
 
 
-def _fields(table: RiskTable, currency: str) -> dict[str, FieldInfo]:
+def _fields(table: risk.RiskTable, currency: str) -> dict[str, FieldInfo]:
     """Describe the columns of numbers per year."""
     fields = {}
     described = {
         f"hits_{c}": FieldInfo(phrase("hits of intensity {}", c), "1/year")
         for c in table.intensities
     }
-    described |= {q: _words(q, currency) for q in QUANTITIES}
+    described |= {q: _words(q, currency) for q in risk.QUANTITIES}
     for name, info in described.items():
         fields[f"{name}_per_year"] = info
         error = phrase("{}, standard error", phrase(info.alias))
@@ -235,6 +224,5 @@ def _style(symbol: Symbol, quantity: str, currency: str) -> VectorStyle:
     for k, colour in enumerate(class_colours((0.0, *limits), _RAMP)):
         own = replace(symbol, colour=colour)
         classes.append(StyleClass(labels[k], own, lower=edges[k], upper=edges[k + 1]))
-    # Names of stretches would cover the road.
     label = "" if symbol.kind == "line" else "name"
     return VectorStyle(symbol, "ranges", f"{quantity}_per_year", tuple(classes), label)

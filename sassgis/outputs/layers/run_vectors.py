@@ -16,23 +16,12 @@ from scipy import ndimage
 from sassgis.files.vector_layer import VectorLayer, described_layer
 from sassgis.grid import FloatArray, Grid
 from sassgis.inputs.dem import affine_of
+from sassgis.settings import styles
 from sassgis.settings.labels import LINE_END_TEXT, STOP_TEXT
 from sassgis.settings.languages import phrase
 from sassgis.settings.map_run import MapRun, ReleaseArea
 from sassgis.settings.profiles import LineEnd
 from sassgis.settings.results import Outcome, RasterLayer, StopReason
-from sassgis.settings.styles import (
-    BARRIER_STYLE,
-    FALL_LINE_STYLE,
-    FOOTPRINT_STYLE,
-    RELEASE_AREA_STYLE,
-    RELEASE_POINT_STYLE,
-    STATION_STYLE,
-    STOP_STYLE,
-    Symbol,
-    VectorStyle,
-    categorised_style,
-)
 from sassgis.simulation.accumulators import Progress, joined_lines, kept_stops
 from sassgis.simulation.along_profile import BlockPath
 from sassgis.simulation.control_lines import control_line_rows
@@ -82,7 +71,7 @@ def released_from(
         "rocks": np.asarray(rocks, np.int64),
     }
     shapes = [a.geometry if a.geometry.area > 0 else a.geometry.buffer(1.0) for a in areas]
-    return described_layer("release_areas", columns, shapes, crs, RELEASE_AREA_STYLE)
+    return described_layer("release_areas", columns, shapes, crs, styles.RELEASE_AREA_STYLE)
 
 
 def proposed_areas(
@@ -114,7 +103,7 @@ def proposed_areas(
         measured["rock_share"] = of(rock.astype(float), ndimage.mean)
     columns: dict[str, Any] = {"name": [f"cliff {n}" for n in numbers]}
     columns |= {name: np.round(values, 3) for name, values in measured.items()}
-    outlines, style = [shapes[int(n)] for n in numbers], RELEASE_AREA_STYLE
+    outlines, style = [shapes[int(n)] for n in numbers], styles.RELEASE_AREA_STYLE
     return described_layer("release_areas.proposed", columns, outlines, grid.crs, style)
 
 
@@ -126,7 +115,7 @@ def release_points(run: MapRun, planned: Plan) -> VectorLayer:
         "rocks": planned.blocks_of_point(run),
     }
     at = shapely.points(points.x, points.y)
-    return described_layer("release_points", columns, at, run.grid.crs, RELEASE_POINT_STYLE)
+    return described_layer("release_points", columns, at, run.grid.crs, styles.RELEASE_POINT_STYLE)
 
 
 def fall_lines(run: MapRun, planned: Plan, progress: Progress) -> VectorLayer:
@@ -144,12 +133,12 @@ def fall_lines(run: MapRun, planned: Plan, progress: Progress) -> VectorLayer:
         "ends_at": [LINE_END_TEXT[LineEnd(int(e))] for e in lines.end],
     }
     colours: Colours = {
-        text: (text, "#c1121f" if end in _LINE_CUT else FALL_LINE_STYLE.symbol.colour)
+        text: (text, "#c1121f" if end in _LINE_CUT else styles.FALL_LINE_STYLE.symbol.colour)
         for end, text in LINE_END_TEXT.items()
     }
     shapes: Any = shapely.linestrings(x, y, indices=index) if x.size else []
-    plain = FALL_LINE_STYLE
-    style = categorised_style(plain.symbol, "ends_at", colours, plain.smallest_scale)
+    plain = styles.FALL_LINE_STYLE
+    style = styles.categorised_style(plain.symbol, "ends_at", colours, plain.smallest_scale)
     return described_layer(
         "fall_lines", columns, shapes, run.grid.crs, style, smoothing_m=run.terrain.smoothing_m
     )
@@ -174,7 +163,9 @@ def stops(run: MapRun, planned: Plan, progress: Progress) -> VectorLayer:
     if rows.rocks.size != total:
         which = phrase("{} of {} blocks, chosen at random.", rows.rocks.size, total)
     colours: Colours = {text: (text, _STOP_COLOUR[reason]) for reason, text in STOP_TEXT.items()}
-    style = categorised_style(STOP_STYLE.symbol, "end", colours, STOP_STYLE.smallest_scale)
+    style = styles.categorised_style(
+        styles.STOP_STYLE.symbol, "end", colours, styles.STOP_STYLE.smallest_scale
+    )
     places = shapely.points(rows.x[on_map], rows.y[on_map])
     return described_layer("stops", columns, places, run.grid.crs, style, which=which)
 
@@ -190,7 +181,7 @@ def block_paths(paths: Sequence[BlockPath], crs: str) -> VectorLayer:
         },
     }
     shapes = [shapely.LineString(np.column_stack([p.x, p.y, p.z])) for p in paths]
-    style = VectorStyle(Symbol("line", "#d9480f", opacity=0.8, size_mm=0.3))
+    style = styles.VectorStyle(styles.Symbol("line", "#d9480f", opacity=0.8, size_mm=0.3))
     return described_layer("paths", columns, shapes, crs, style)
 
 
@@ -211,8 +202,8 @@ def control_line_layers(run: MapRun, progress: Progress) -> list[VectorLayer]:
     protection = ["height_m", "capacity_kj", "hits", *_OUTCOMES]
     layers = []
     for key, style, chosen, more in (
-        ("stations", STATION_STYLE, stations, []),
-        ("barriers", BARRIER_STYLE, barriers, protection),
+        ("stations", styles.STATION_STYLE, stations, []),
+        ("barriers", styles.BARRIER_STYLE, barriers, protection),
     ):
         columns: dict[str, object] = {}
         for column in ("name", "kind", "rocks", *more, *statistics):
@@ -229,12 +220,7 @@ def control_line_layers(run: MapRun, progress: Progress) -> list[VectorLayer]:
 
 
 def cell_outlines(numbers: NDArray[Any], grid: Grid) -> Iterator[tuple[Any, int]]:
-    """Yield patches of cells with the same number above 0.
-
-    Each is an outline with the corners of cells, and the number.
-
-    Cells that touch at a corner only are separate patches.
-    """
+    """Yield outline and number of patches of cells (no diagonals) with a number above 0."""
     patches = rasterio.features.shapes(
         numbers, numbers > 0, connectivity=4, transform=affine_of(grid)
     )
@@ -276,7 +262,7 @@ def footprint(run: MapRun, layers: Sequence[RasterLayer]) -> VectorLayer:
     }
     labels = [_footprint_label(level) for level in FOOTPRINT_LEVELS]
     colours: Colours = {x: (x, colour) for x, colour in zip(labels, _FOOTPRINT_COLOUR, strict=True)}
-    style = categorised_style(FOOTPRINT_STYLE.symbol, "label", colours)
+    style = styles.categorised_style(styles.FOOTPRINT_STYLE.symbol, "label", colours)
     shapes, width = list(outlines.values()), run.grid.cell_size
     return described_layer("footprint", columns, shapes, run.grid.crs, style, ref_width_m=width)
 

@@ -15,7 +15,7 @@ from sassgis.files.vector_layer import VectorLayer, described_layer
 from sassgis.grid import Grid
 from sassgis.hazard.assess import raster
 from sassgis.outputs.frames import same, table_of
-from sassgis.outputs.layers.maps import Place, described_band, described_raster, level_classes
+from sassgis.outputs.layers.maps import described_band, described_raster, level_classes, on_grid
 from sassgis.outputs.layers.run_vectors import cell_outlines, footprints
 from sassgis.outputs.layers.zones import level_changes
 from sassgis.settings.ground_ranges import ParameterRange, RangeRule
@@ -58,7 +58,6 @@ def sensitivity_layers(
         "{} simulations with values that fill the ranges of all ground classes; the same blocks "
         "in each."
     )
-    place = Place(maps.cells, shape)
     classes = {
         "level_could_be": () if preset is None else level_classes(preset),
         "strongest_parameter": _parameter_classes(
@@ -72,7 +71,9 @@ def sensitivity_layers(
         shown = [
             # No level and no parameter are 0.
             described_band(
-                key, n, place.map_of(np.where(v > 0, v, np.nan) if key in classes else v)
+                key,
+                n,
+                on_grid(np.where(v > 0, v, np.nan) if key in classes else v, maps.cells, shape),
             )
             for n, v in bands.items()
         ]
@@ -94,11 +95,7 @@ def _parameter_classes(
 def spread_layers(
     maps: CellMaps, draws: int, grid: Grid, preset: HazardPreset | None, ref_width_m: float
 ) -> tuple[RasterLayer, ...]:
-    """Return limits of the bands of the hazard level, with a preset, and of the reach probability.
-
-    The reference width (m) is that of the hazard level.
-    """
-    place = Place(maps.cells, grid.shape)
+    """Return limits of the bands of hazard level (width in m), with a preset, and of reach."""
     reach = next(row for row in STATISTICS if row.stem == "reach_probability")
     looks: dict[str, tuple[float, dict[str, Any]]] = {
         "ground_reach": (grid.cell_size, {"breaks": reach.breaks, "ramp": reach.ramp})
@@ -112,8 +109,8 @@ def spread_layers(
             words: dict[str, Any] = {"percent": percent, "draws": draws, "width": f"{width:.4g}"}
             values = maps.bands[key][name]
             # No block and no level are no 0, as on the maps of the run itself.
-            own = place.map_of(np.where(values > 0, values.astype(float), np.nan))
-            band = described_band(key, "value", own, **words)
+            own = np.where(values > 0, values.astype(float), np.nan)
+            band = described_band(key, "value", on_grid(own, maps.cells, grid.shape), **words)
             layers.append(described_raster(key, [band], stem=f"{key}_q{percent}", **look, **words))
     return tuple(layers)
 
@@ -130,11 +127,11 @@ def spread_vectors(
             codes = [own.code for own in preset.levels]
             layer = level_changes(pieces, codes, grid.crs, f"level_changes.ground_{key}")
             layers.append(replace(layer, name=f"ground_level_{key}"))
-    place = Place(maps.cells, grid.shape)
     labels, outlines = [], []
     for name, (label, _) in _REACHED.items():
         reach = maps.bands["ground_reach"][name]
-        own = footprints(place.map_of(np.where(reach > 0, reach, np.nan)), grid, [0.0])
+        reach = on_grid(np.where(reach > 0, reach, np.nan), maps.cells, grid.shape)
+        own = footprints(reach, grid, [0.0])
         if own:
             labels.append(label)
             outlines.append(own[0.0])
@@ -157,10 +154,6 @@ def _pieces(
         {"before": [b for _, b, _ in found], "after": [a for _, _, a in found]},
         geometry=[shape for shape, _, _ in found],
     )
-
-
-# ---------------------------------------------------------------------------------------------
-# Tables
 
 
 def range_table(ranges: Sequence[ParameterRange]) -> pd.DataFrame:

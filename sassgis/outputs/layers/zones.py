@@ -138,10 +138,7 @@ def open_limits(hazard: Hazard, preset: HazardPreset, grid: Grid) -> VectorLayer
 
 
 def changes(before: Coverage, after: Coverage) -> gpd.GeoDataFrame:
-    """Return parts of two maps of zones with their class in both (0: no zone).
-
-    Columns ``before``, ``after``; geometry on the coordinates of the zones.
-    """
+    """Return parts of two maps of zones with their class before and after (0: no zone)."""
     one = gpd.GeoDataFrame({"before": before.classes}, geometry=list(before.polygons))
     two = gpd.GeoDataFrame({"after": after.classes}, geometry=list(after.polygons))
     both = one.overlay(two, how="union", keep_geom_type=True) if len(one) else two
@@ -154,11 +151,7 @@ def changes(before: Coverage, after: Coverage) -> gpd.GeoDataFrame:
 def level_changes(
     both: gpd.GeoDataFrame, codes: Sequence[str], crs: str, key: str = "level_changes"
 ) -> VectorLayer:
-    """Return parts of zones from :func:`changes` by what becomes of their level.
-
-    ``codes`` are those of the levels, from low to high; ``key`` is the layer of
-    ``data/map_layers.csv`` that says what is compared.
-    """
+    """Return parts of zones from :func:`changes` by change of level; codes from low to high."""
     codes = [NO_LEVEL, *codes]
     before, after = both["before"], both["after"]
     columns = {
@@ -188,10 +181,7 @@ def without_barriers(layer: VectorLayer) -> VectorLayer:
 
 
 def edits_layer(applied: Sequence[AppliedEdit], preset: HazardPreset, crs: str) -> VectorLayer:
-    """Return edits of a result; a layer without features if there are none, to draw in.
-
-    What was computed at the time of an edit is noted, so that later runs know it.
-    """
+    """Return edits with what was computed at their time; without features if there are none."""
     codes = [NO_LEVEL, *(c.code for c in preset.levels)]
     edits = [a.edit for a in applied]
     columns = {

@@ -11,11 +11,7 @@ from sassgis.settings.results import RasterLayer
 
 @dataclass(frozen=True, slots=True)
 class LayerEntry:
-    """A layer of the project: what is shown and how, and whether when the project is opened.
-
-    The source is the path of the file from the folder of the project, with slashes, as
-    ``maps/energy.tif`` or ``result.gpkg``.
-    """
+    """A layer of the project; its source is a path from there, as ``maps/energy.tif``."""
 
     content: RasterLayer | VectorLayer
     source: str
@@ -54,10 +50,7 @@ class LayerEntry:
 
 @dataclass(frozen=True, slots=True)
 class LayerGroup:
-    """A group of the legend; what comes first in it is drawn on top.
-
-    In an ``exclusive`` group, showing one layer hides the others (for maps that cover each other).
-    """
+    """A group of the legend, the first on top; an ``exclusive`` one shows one layer at a time."""
 
     name: str
     layers: tuple[LayerEntry | LayerGroup, ...]

@@ -74,10 +74,7 @@ def layout_element(
 ) -> ET.Element:
     """Return the ``Layout`` element of a project; ``crs_name`` is empty for local coordinates.
 
-    Raises
-    ------
-    ValueError
-        If the layout shows a layer that the project does not have, or none.
+    ValueError if the layout shows a layer that the project does not have, or none.
     """
     unknown = [key for key in layout.layers if key not in layers]
     if unknown or not layout.layers:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import html
 import math
 from functools import cache
-from typing import NamedTuple
 from xml.etree import ElementTree as ET
 
 import jinja2
@@ -14,19 +13,8 @@ from markupsafe import Markup, escape
 
 from sassgis.files.plain_file import NO_XML
 from sassgis.files.vector_layer import VectorLayer
+from sassgis.settings import styles
 from sassgis.settings.results import RasterLayer
-from sassgis.settings.styles import (
-    RASTER_OPACITY,
-    class_colours,
-    class_labels,
-    class_limits,
-    class_name,
-    class_tint,
-    ramp_colours,
-    rgb,
-    with_unit,
-    zero_is_nothing,
-)
 
 QGIS_VERSION = "3.22.0"
 #: Columns that the tip of a feature shows.
@@ -70,11 +58,11 @@ def _environment() -> jinja2.Environment:
     )
     environment.filters |= {
         "rgba": rgba, "digits": number, "g": lambda value: f"{value:g}",
-        "class_tint": class_tint, "class_name": class_name,
+        "class_tint": styles.class_tint, "class_name": styles.class_name,
     }  # fmt: skip
     environment.tests["raster"] = lambda content: isinstance(content, RasterLayer)
     environment.globals |= {
-        "version": QGIS_VERSION, "opacity": RASTER_OPACITY,
+        "version": QGIS_VERSION, "opacity": styles.RASTER_OPACITY,
         "shading": _shading, "map_tip": _map_tip,
     }  # fmt: skip
     return environment
@@ -89,7 +77,7 @@ def _escaped(value: object) -> Markup:
 
 def rgba(colour: str, opacity: float = 1.0) -> str:
     """Return a colour ``#rrggbb`` as QGIS writes it: red, green, blue and opacity, 0 to 255."""
-    return ",".join(map(str, (*rgb(colour), round(255 * opacity))))
+    return ",".join(map(str, (*styles.rgb(colour), round(255 * opacity))))
 
 
 def number(value: float) -> str:
@@ -102,50 +90,39 @@ def without_expressions(text: str) -> str:
     return text.replace("[%", "[\N{WORD JOINER}%")
 
 
-class _Shading(NamedTuple):
-    """The colours of a band of numbers: value, colour and label of each; QGIS takes <= value."""
-
-    steps: list[tuple[float, str, str]]
-    low: float
-    high: float
-    zero_is_clear: bool
-    stops: str
-    suffix: str
-
-
-def _shading(layer: RasterLayer) -> _Shading:
+def _shading(layer: RasterLayer) -> dict[str, object]:
     """Shade a map in the classes of its ``breaks``, or as a ramp over the data's range."""
     band = layer.bands[0]
-    clear = zero_is_nothing(band.unit)
+    clear = styles.zero_is_nothing(band.unit)
     shown = band.values[np.isfinite(band.values)]
     shown = shown[shown != 0] if clear else shown
     low, high = (float(shown.min()), float(shown.max())) if shown.size else (0.0, 1.0)
-    # A proper interval where there is none.
     high = high if low < high else low + max(1.0, abs(low))
     if layer.breaks:
         # A limit belongs to the class above it; the cells are float32, so the next smaller float32
         # is the largest value that a cell below the limit can have.
         values = [
             float(np.nextafter(np.float32(upper), np.float32(-np.inf))) if upper < np.inf else upper
-            for _, upper in class_limits(layer.breaks)
+            for _, upper in styles.class_limits(layer.breaks)
         ]
-        colours = class_colours(layer.breaks, layer.ramp)
-        labels = class_labels(layer.breaks, band.unit)
+        colours = styles.class_colours(layer.breaks, layer.ramp)
+        labels = styles.class_labels(layer.breaks, band.unit)
     else:
         values = np.linspace(low, high, _RAMP_STEPS).tolist()
-        colours = ramp_colours(layer.ramp, _RAMP_STEPS)
-        labels = [with_unit(f"{value:.3g}", band.unit) for value in values]
+        colours = styles.ramp_colours(layer.ramp, _RAMP_STEPS)
+        labels = [styles.with_unit(f"{value:.3g}", band.unit) for value in values]
     finite = [value for value in values if math.isfinite(value)]
     places = np.linspace(0.0, 1.0, len(colours))
     stops = [f"{p:.6g};{rgba(c)}" for p, c in zip(places, colours, strict=True)]
-    return _Shading(
-        list(zip(values, colours, labels, strict=True)),
-        min([low, *finite]),
-        max([high, *finite]),
-        clear,
-        ":".join(stops[1:-1]),
-        with_unit("", band.unit),
-    )
+    return {
+        # QGIS takes values up to each.
+        "steps": list(zip(values, colours, labels, strict=True)),
+        "low": min([low, *finite]),
+        "high": max([high, *finite]),
+        "zero_is_clear": clear,
+        "stops": ":".join(stops[1:-1]),
+        "suffix": styles.with_unit("", band.unit),
+    }
 
 
 def _map_tip(layer: VectorLayer) -> str:

@@ -37,22 +37,10 @@ def write_project(
 ) -> Path:
     """Write a QGIS project, a file that ends in ``.qgz``.
 
-    Parameters
-    ----------
-    crs : str
-        Well-known text (or EPSG code); empty for local coordinates.
-    groups : sequence of LayerGroup
-        The first is drawn on top.
-    extent : (west, south, east, north)
-        What is shown at first (m).
-    layouts : sequence of PrintLayout
-        Map sheets; each is also a map theme, with which the window shows the same layers.
-
-    Raises
-    ------
-    ValueError
-        If two layers have the same key, two layouts the same name, or a layout shows a layer that
-        is not there.
+    ``crs`` is empty for local coordinates. The first group is drawn on top; the extent (west,
+    south, east, north; m) is shown at first. Each layout is a map sheet, and also a map theme.
+    ValueError if two layers have the same key, two layouts the same name, or one shows a layer that
+    is not there.
     """
     groups = [group.translated for group in groups]
     # The title of a sheet is the user's.
@@ -78,7 +66,6 @@ def write_project(
     shown = {entry.key: entry for entry in entries}
     sheets = root.find("Layouts")
     assert sheets is not None
-    # The system as a reader knows it; empty for local coordinates.
     code = f" ({system['authid']})" if system["authid"] else ""
     name = f"{system['description']}{code}"
     sheets.extend(layout_element(layout, shown, name) for layout in layouts)

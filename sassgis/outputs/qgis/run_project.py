@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -34,24 +34,10 @@ _EXPOSED = ("exposed_points", "exposed_areas", "exposed_lines")
 _ON_SHEETS = ("barriers", "release_areas", *_EXPOSED)
 
 
-@dataclass(frozen=True, slots=True)
-class SheetWords:
-    """Words common to every sheet of a run.
-
-    ``around`` are the keys of layers on top of its map, ``ground`` is that of the lowest.
-    """
-
-    title: str
-    facts: tuple[tuple[str, str], ...]
-    notes: tuple[str, ...]
-    extent: Extent
-    around: tuple[str, ...]
-    ground: str = "raster_terrain"
-
-    def sheet(self, name: str, subtitle: str, *layers: str) -> PrintLayout:
-        """Return a sheet that shows layers over the terrain or the base map."""
-        shown = (*self.around, *layers, self.ground)
-        return PrintLayout(name, self.title, subtitle, shown, self.extent, self.facts, self.notes)
+def _sheet(words: PrintLayout, name: str, subtitle: str, *layers: str) -> PrintLayout:
+    """Return a sheet that shows layers over the terrain or the base map."""
+    *around, ground = words.layers
+    return replace(words, name=name, subtitle=subtitle, layers=(*around, *layers, ground))
 
 
 def sheet_words(
@@ -64,11 +50,10 @@ def sheet_words(
     vectors: Sequence[VectorLayer],
     extent: Extent,
     ground: Sequence[tuple[GroundClass, float]],
-) -> SheetWords:
-    """Return the words common to all sheets.
+) -> PrintLayout:
+    """Return what all sheets share: words, layers around those of a sheet, and the lowest.
 
-    ``vectors`` are those of ``result.gpkg``; ``ground`` are the ground classes of the cells that
-    blocks reach, with their share.
+    ``vectors`` are those of ``result.gpkg``, ``ground`` the classes that blocks reach with shares.
     """
     grid = run.grid
     effects = ", ".join(run.effects.names).replace("_", " ")
@@ -96,14 +81,11 @@ def sheet_words(
         ("Rights", imprint.rights),
     )  # fmt: skip
     drawn = {v.name for v in vectors if not v.frame.empty}
-    return SheetWords(
-        imprint.name,
-        tuple((name, text) for name, text in facts if text),
-        tuple(ground_warnings(ground)),
-        extent,
-        tuple(f"vector_{name}" for name in _ON_SHEETS if name in drawn),
-        "raster_terrain" if imprint.base_map is None else BASE_MAP_KEY,
-    )
+    around = (f"vector_{name}" for name in _ON_SHEETS if name in drawn)
+    lowest = "raster_terrain" if imprint.base_map is None else BASE_MAP_KEY
+    stated = tuple((name, text) for name, text in facts if text)
+    notes = tuple(ground_warnings(ground))
+    return PrintLayout("", imprint.name, "", (*around, lowest), extent, stated, notes)
 
 
 def write_run_project(
@@ -118,11 +100,10 @@ def write_run_project(
     layouts: Sequence[PrintLayout] = (),
     base_map: RasterLayer | None = None,
 ) -> None:
-    """Write ``project.qgz`` over the files of a run.
+    """Write ``project.qgz`` over the files of a run, which opens at an extent.
 
-    The extent is what is shown at first. Layers and terrain are in ``maps``, vectors in
-    ``result.gpkg``. The groups are those of a zoning, and of draws of the ground: below what was
-    drawn, above the maps of the blocks. ``base_map`` is that of ``imprint.base_map``.
+    The groups are those of a zoning, and of draws of the ground: below what was drawn, above the
+    maps of the blocks. ``base_map`` is that of ``imprint.base_map``.
     """
     by_name = {v.name: v for v in vectors}
 
@@ -174,11 +155,11 @@ def write_run_project(
     )
 
 
-def run_layouts(words: SheetWords, layers: Sequence[RasterLayer]) -> tuple[PrintLayout, ...]:
+def run_layouts(words: PrintLayout, layers: Sequence[RasterLayer]) -> tuple[PrintLayout, ...]:
     """Return sheets of what was simulated: energy, passing height, reach probability."""
     titles = {layer.stem: layer.title for layer in layers}
     return tuple(
-        words.sheet(name, titles[stem], f"raster_{stem}")
+        _sheet(words, name, titles[stem], f"raster_{stem}")
         for name, stem in (
             ("Energy", "energy"),
             ("Passing height", "passing_height"),
@@ -212,10 +193,7 @@ def zone_groups(
     preset: HazardPreset,
     edits: VectorLayer | None = None,
 ) -> tuple[LayerGroup, ...]:
-    """Return the groups of a zoning: zones, intensities, frequencies, federal layers, risk.
-
-    Rasters are in ``maps``, edits in a separate file, the others in ``hazard.gpkg``.
-    """
+    """Return the groups of a zoning: zones, intensities, frequencies, federal layers, risk."""
 
     def vectors(layers: Sequence[VectorLayer], visible: tuple[str, ...] = ()) -> list[LayerEntry]:
         return [LayerEntry(v, _VECTORS, visible=v.name in visible) for v in layers]
@@ -282,17 +260,14 @@ def _intensity_zones(
 
 
 def zone_layouts(
-    words: SheetWords,
+    words: PrintLayout,
     rules: Rules,
     found: Assessment,
     own: Sequence[VectorLayer],
     risk: Sequence[VectorLayer],
     grid: Grid,
 ) -> tuple[PrintLayout, ...]:
-    """Return the sheets of a zoning: hazard level, intensity by return period, risk.
-
-    ``own`` are its layers but for edits and those of the federal model.
-    """
+    """Return the sheets of a zoning: hazard level, intensity by return period, risk."""
     preset, drawn = rules.preset, rules.zones
     least = scale_text(drawn.scale), f"{drawn.width_m:g}", f"{drawn.area_m2:g}"
     facts = (
@@ -316,7 +291,8 @@ def zone_layouts(
     words = replace(words, facts=(*words.facts, *facts), notes=notes, extent=extent)
     lines = ["vector_edits"] if found.hazard.edits else []
     lines += [f"vector_{layer.name}" for layer in own if layer.name == "open_limits"]
-    sheets = [words.sheet("Hazard level", "Hazard zones, rockfall", *lines, "vector_hazard_zones")]
+    shown = (*lines, "vector_hazard_zones")
+    sheets = [_sheet(words, "Hazard level", "Hazard zones, rockfall", *shown)]
     titles: dict[str, tuple[str, str]] = {
         y: (
             phrase("Intensity {} years", y),
@@ -326,20 +302,18 @@ def zone_layouts(
     }
     titles["extreme"] = "Intensity extreme event", "Intensity of rockfall, extreme event"
     for period, title in titles.items():
-        sheets.append(words.sheet(*title, f"vector_synoptic_intensity_{period}"))
+        sheets.append(_sheet(words, *title, f"vector_synoptic_intensity_{period}"))
     sheets = [replace(sheet, drawn_for=rules.zones.scale) for sheet in sheets]
     if risk:
-        around = tuple(k for k in words.around if not k.startswith("vector_exposed"))
-        shown = (f"vector_{layer.name}" for layer in risk)
-        sheets.append(replace(words, around=around).sheet("Risk", "Risk of rockfall", *shown))
+        around = tuple(k for k in words.layers if not k.startswith("vector_exposed"))
+        shown = tuple(f"vector_{layer.name}" for layer in risk)
+        words = replace(words, layers=around)
+        sheets.append(_sheet(words, "Risk", "Risk of rockfall", *shown))
     return tuple(sheets)
 
 
 def onset_words(rules: Rules) -> str:
-    """Return onset frequencies by scenario.
-
-    They are those of each release area, or from the least to the greatest.
-    """
+    """Return onset frequencies of a release area by scenario, or their least and greatest."""
     by_scenario: dict[str, list[float]] = {}
     for (_, scenario), frequency in rules.frequencies.items():
         by_scenario.setdefault(scenario, []).append(frequency)

@@ -76,10 +76,7 @@ def _legend_texts(layer: LayerEntry, title: str, classes: Sequence[str]) -> dict
 
 
 def fill_legend(item: ET.Element, shown: Sequence[LayerEntry], width: float) -> float:
-    """Put layers, the top first, into the legend of a template; returns the height it needs (mm).
-
-    The legend is ``width`` wide (mm).
-    """
+    """Put layers, the top first, into a legend so wide; returns the height it needs (mm)."""
     plain, bold = (
         child(item, f"styles/style[@name='{name}']/styleFont")
         for name in ("symbolLabel", "subgroup")

@@ -147,8 +147,8 @@ def federal_layer(
     """Return a layer of the model; rows with several parts become one feature per part.
 
     A layer that follows the ``federal`` model must lie in its extent. The canton ("TI") is
-    responsible for the data: the model asks for it, so that it has to be filled in before an
-    export. The legend is from low to high.
+    responsible for the data; without it the model's export needs it filled in. The legend is from
+    low to high.
     """
     kind = FEDERAL_CLASSES[name]
     if federal and not is_lv95(crs):

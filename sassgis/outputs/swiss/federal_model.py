@@ -124,10 +124,7 @@ def is_lv95(crs: pyproj.CRS | str | None) -> bool:
 def in_federal_extent(
     crs: pyproj.CRS | str | None, bounds: tuple[float, float, float, float]
 ) -> bool:
-    """Return whether coordinates are those of the federal model, and within its extent.
-
-    The system is None or empty for local coordinates; bounds are west, south, east, north (m).
-    """
+    """Return whether coordinates and bounds (W, S, E, N; m) are those of the federal model."""
     west, south, east, north = bounds
     low_x, low_y, high_x, high_y = FEDERAL_EXTENT
     inside = low_x <= west <= east <= high_x and low_y <= south <= north <= high_y
@@ -144,20 +141,13 @@ def has_federal_codes(preset: HazardPreset) -> bool:
 
 
 def federal_note(federal: bool) -> str:
-    """Return the note on the federal model for descriptions and metadata.
-
-    It is claimed for what :func:`in_federal_extent` and :func:`has_federal_codes` accept.
-    """
+    """Return the note on the federal model for descriptions and metadata."""
     if federal:
         return f"Attributes and codes of the {MODEL_TITLE}."
     return (
         "Not data of a federal geodata model: the result lies outside Switzerland, in other "
         "coordinates, or has other classes."
     )
-
-
-# ---------------------------------------------------------------------------------------------
-# Values and zones: checked, shortened, on coordinates of 1 mm
 
 
 def checked_values(
@@ -195,10 +185,7 @@ def checked_values(
 
 
 def _broken_rule(values: Mapping[str, Any]) -> tuple[str, str, object, str] | None:
-    """Return the constraint of the model that values do not keep.
-
-    The values are attribute, problem, found, expected.
-    """
+    """Return attribute, problem, found, expected of a rule that values break; None if none."""
     if "extreme_scenario" in values:
         years, extreme = values["return_period_in_years"], values["extreme_scenario"]
         rare = years is not None and years > LONGEST_OF_A_SCENARIO

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 from functools import partial
 from itertools import count, pairwise
 from pathlib import Path
-from typing import Any, NamedTuple, get_args
+from typing import Any, get_args
 from xml.sax.saxutils import escape
 
 import geopandas as gpd
@@ -30,20 +30,6 @@ from sassgis.files.atomic_output import staged_file
 from sassgis.files.gdal_safety import read_frame, vector_file
 from sassgis.inputs.result_folder import check_is_result
 from sassgis.outputs.swiss import federal_model
-from sassgis.outputs.swiss.federal_model import (
-    FEDERAL_CLASSES,
-    FEDERAL_EPSG,
-    MINIMUM_CLASSES,
-    MODEL_NAME,
-    RESPONSIBILITY,
-    Attribute,
-    FederalClass,
-    check_extent,
-    checked_values,
-    is_lv95,
-    plain,
-    surface_parts,
-)
 from sassgis.outputs.swiss.validation import (
     XTF_NAMESPACE,
     ValidationResult,
@@ -53,23 +39,14 @@ from sassgis.outputs.swiss.validation import (
 from sassgis.settings.hazard_rules import Canton
 
 PACKAGE_NAME = "hazard.gpkg"
+#: An object of the file: its "tid", its "texts" by attribute, its "polygon".
+_Object = dict[str, Any]
 _NAMESPACE = uuid.UUID("0a5f4c7e-6f0b-5d0e-9b56-1b6d1c8c7d15")
-
-
-class XtfObject(NamedTuple):
-    """An object: its identifier, its texts by attribute, its zone."""
-
-    tid: str
-    texts: Mapping[str, str]
-    polygon: Any
 
 
 @dataclass(frozen=True, slots=True)
 class ExportResult:
-    """A transfer file that was written, its objects by class, and what the validator says of it.
-
-    The validation is None where it was not asked for.
-    """
+    """A transfer file that was written, its objects by class, and its verdict if asked for."""
 
     path: Path
     objects: Mapping[str, int]
@@ -84,7 +61,7 @@ class ExportResult:
         """Return the summary and verdict in words."""
         counts = ", ".join(f"{name} {count}" for name, count in self.objects.items())
         verdict = self.validation.lines() if self.validation else ()
-        return [f"Wrote {self.path}, model {MODEL_NAME}: {counts}.", *verdict]
+        return [f"Wrote {self.path}, model {federal_model.MODEL_NAME}: {counts}.", *verdict]
 
 
 def export_xtf(
@@ -120,7 +97,10 @@ def export_xtf(
         raise InputError("this result has no hazard zones", file=result_folder, expected=expected)
     if models is not None:
         check_validator(models)
-    objects = {name: _objects(package, kind, canton) for name, kind in FEDERAL_CLASSES.items()}
+    objects = {
+        name: _objects(package, kind, canton)
+        for name, kind in federal_model.FEDERAL_CLASSES.items()
+    }
     with (
         staged_file(xtf, overwrite) as work,
         work.open("w", encoding="utf-8", newline="\n") as stream,
@@ -130,56 +110,60 @@ def export_xtf(
     return ExportResult(xtf, counts, None if models is None else validate_xtf(xtf, models))
 
 
-def _objects(file: Path, kind: FederalClass, canton: str | None) -> list[XtfObject]:
+def _objects(file: Path, kind: federal_model.FederalClass, canton: str | None) -> list[_Object]:
     frame = _read_layer(file, kind)
     seen: dict[str, int] = {}
-    objects: list[XtfObject] = []
+    objects: list[_Object] = []
     if frame is None:
         return objects
     records = frame.drop(columns="geometry").to_dict("records")
     for fid, record, geometry in zip(frame.index, records, frame.geometry, strict=True):
         where = f"feature {fid}"
         given: dict[str, Any] = {str(key): value for key, value in record.items()}
-        given[RESPONSIBILITY] = plain(given[RESPONSIBILITY]) or canton
-        values = checked_values(kind, given, where, file=file)
+        given[federal_model.RESPONSIBILITY] = (
+            federal_model.plain(given[federal_model.RESPONSIBILITY]) or canton
+        )
+        values = federal_model.checked_values(kind, given, where, file=file)
         texts = {a.name: text for a in kind.attributes if (text := _text(a, values[a.name]))}
-        for polygon in surface_parts(geometry, where=f"{kind.name}, {where}", file=file):
+        for polygon in federal_model.surface_parts(
+            geometry, where=f"{kind.name}, {where}", file=file
+        ):
             content = json.dumps([kind.name, values], sort_keys=True, ensure_ascii=True)
             content += shapely.to_wkb(polygon.normalize(), hex=True)
             seen[content] = seen.get(content, 0) + 1
             identity = uuid.uuid5(_NAMESPACE, f"{content}|{seen[content]}")
             # "<identifier of the canton>.<canton>.ch", as a name of XML: it begins with no digit.
-            tid = f"_{identity}.{values[RESPONSIBILITY].lower()}.ch"
-            objects.append(XtfObject(tid, texts, polygon))
+            tid = f"_{identity}.{values[federal_model.RESPONSIBILITY].lower()}.ch"
+            objects.append({"tid": tid, "texts": texts, "polygon": polygon})
     return objects
 
 
-def _read_layer(file: Path, kind: FederalClass) -> gpd.GeoDataFrame | None:
+def _read_layer(file: Path, kind: federal_model.FederalClass) -> gpd.GeoDataFrame | None:
     """Return a layer in the coordinates of the model; None where it is absent and may be."""
     wrong = partial(InputError, file=file, field=kind.name)
     with vector_file(file, kind.name):
         try:
             frame = read_frame(file, kind.name, fid_as_index=True)
         except DataLayerError:
-            if kind.name not in MINIMUM_CLASSES:
+            if kind.name not in federal_model.MINIMUM_CLASSES:
                 return None
             raise wrong("layer is missing") from None
     if not isinstance(frame, gpd.GeoDataFrame):
         raise wrong("layer has no zones", expected="polygons")
-    if not is_lv95(frame.crs):
+    if not federal_model.is_lv95(frame.crs):
         raise wrong(
             "the federal model is for Switzerland only",
             found="local coordinates" if frame.crs is None else frame.crs.name,
-            expected=f"coordinates in EPSG:{FEDERAL_EPSG}",
+            expected=f"coordinates in EPSG:{federal_model.FEDERAL_EPSG}",
         )
     if absent := [a.name for a in kind.attributes if a.name not in frame]:
         expected = "the columns of model 166.1, as this version writes them"
         raise wrong("column is missing", field=f"{kind.name}.{absent[0]}", expected=expected)
-    check_extent(frame.geometry.dropna().to_numpy(), field=kind.name, file=file)
+    federal_model.check_extent(frame.geometry.dropna().to_numpy(), field=kind.name, file=file)
     return frame
 
 
-def _text(attribute: Attribute, value: Any) -> str:
+def _text(attribute: federal_model.Attribute, value: Any) -> str:
     """Return a checked value as the file has it; empty for none."""
     if value is None:
         return ""
@@ -190,11 +174,8 @@ def _text(attribute: Attribute, value: Any) -> str:
     return str(value)
 
 
-def _document(objects: Mapping[str, Sequence[XtfObject]]) -> Iterator[str]:
-    """Return the text of a transfer file in parts, as it may be large.
-
-    ``objects`` are those of each class; the identifier of the basket is made from theirs.
-    """
+def _document(objects: Mapping[str, Sequence[_Object]]) -> Iterator[str]:
+    """Yield the text of a transfer file, whose basket is named after its objects."""
     environment = jinja2.Environment(
         loader=jinja2.PackageLoader("sassgis", "data"),
         undefined=jinja2.StrictUndefined,
@@ -202,7 +183,7 @@ def _document(objects: Mapping[str, Sequence[XtfObject]]) -> Iterator[str]:
         keep_trailing_newline=True,
     )
     environment.filters["xml"] = escape
-    tids = [item.tid for inside in objects.values() for item in inside]
+    tids = [item["tid"] for inside in objects.values() for item in inside]
     return environment.get_template("federal_model.xtf.j2").generate(
         xmlns=XTF_NAMESPACE,
         version=__version__,
@@ -214,9 +195,7 @@ def _document(objects: Mapping[str, Sequence[XtfObject]]) -> Iterator[str]:
 
 
 def touching_at_corners(polygon: Any) -> list[list[tuple[float, float]]]:
-    """Return closed rings of a valid polygon, the outline first.
-
-    Where they touch, both have a corner.
+    """Return closed rings of a valid polygon, the outline first, with corners where they touch.
 
     INTERLIS takes a corner on the edge of another ring for an intersection.
     """

@@ -32,38 +32,18 @@ _MODEL = re.compile(
 
 
 @dataclass(frozen=True, slots=True)
-class Finding:
-    """Something that the validator found.
-
-    Class (``tag``) and identifier of the object are empty, and the line of the file is 0, where the
-    validator does not say.
-    """
-
-    severity: str
-    text: str
-    tag: str = ""
-    tid: str = ""
-    line: int = 0
-
-    def __str__(self) -> str:
-        place = f"line {self.line}" if self.line else ""
-        where = ", ".join(part for part in (place, self.tag, self.tid) if part)
-        return ": ".join([self.severity, *([where] if where else []), self.text])
-
-
-@dataclass(frozen=True, slots=True)
 class ValidationResult:
     """Verdict of the validator; its name and version, errors and warnings as they came up."""
 
     path: Path
     valid: bool
     validator: str
-    findings: tuple[Finding, ...]
+    findings: tuple[str, ...]
 
     @property
-    def errors(self) -> list[Finding]:
+    def errors(self) -> list[str]:
         """Errors that make the file invalid."""
-        return [f for f in self.findings if f.severity == "error"]
+        return [text for text in self.findings if text.startswith("error: ")]
 
     def lines(self) -> list[str]:
         """Return the verdict in words, with the first findings."""
@@ -93,11 +73,7 @@ with open(task["verdict"], "w") as stream:
 
 
 def validate_xtf(xtf: Path, model_folder: Path) -> ValidationResult:
-    """Let ilivalidator check a transfer file against the models of a folder; without any network.
-
-    The folder holds the .ili files of the model and of all models that it imports: it is one that
-    check_validator has found fit.
-    """
+    """Let ilivalidator check a transfer file against the .ili files of a folder; offline."""
     with tempfile.TemporaryDirectory(prefix="sassgis-") as name:
         work = Path(name)
         # Semicolons part its lists of files, and it knows no names beyond ASCII everywhere.
@@ -133,10 +109,12 @@ def validate_xtf(xtf: Path, model_folder: Path) -> ValidationResult:
             raise OutputError(f"{xtf}: the INTERLIS validator broke down: {_cause(done)}")
         valid = bool(json.loads(verdict.read_text()))
         validator, findings = _findings(findings_log, copies)
-    if not valid and not any(f.severity == "error" for f in findings):
-        last = done.stderr.decode(errors="replace").strip().splitlines()[-1:]
-        findings.append(Finding("error", last[0] if last else "no reason is given"))
-    return ValidationResult(xtf, valid, validator, tuple(findings))
+    result = ValidationResult(xtf, valid, validator, tuple(findings))
+    if valid or result.errors:
+        return result
+    last = done.stderr.decode(errors="replace").strip().splitlines()[-1:]
+    reason = f"error: {last[0] if last else 'no reason is given'}"
+    return ValidationResult(xtf, valid, validator, (*findings, reason))
 
 
 def _cause(done: subprocess.CompletedProcess[bytes]) -> str:
@@ -171,7 +149,7 @@ def check_validator(model_folder: Path) -> None:
         )  # fmt: skip
 
 
-def _findings(log: Path, copies: Mapping[str, Path]) -> tuple[str, list[Finding]]:
+def _findings(log: Path, copies: Mapping[str, Path]) -> tuple[str, list[str]]:
     """Return the validator's name, errors and warnings from its log, with the user's file names."""
     validator, found = "ilivalidator", []
     try:
@@ -186,8 +164,9 @@ def _findings(log: Path, copies: Mapping[str, Path]) -> tuple[str, list[Finding]
         severity = texts.get("Type", "").lower()
         if severity in ("error", "warning"):
             line, tag, tid = (texts.get(name, "") for name in ("Line", "ObjTag", "Tid"))
-            number = int(line) if line.isdigit() else 0
-            found.append(Finding(severity, text, tag, tid, number))
+            place = f"line {int(line)}" if line.isdigit() and int(line) else ""
+            where = ", ".join(filter(None, (place, tag, tid)))
+            found.append(": ".join(filter(None, (severity, where, text))))
         elif text.startswith("ilivalidator-"):
             validator = " ".join(text.split("-")[:2])
     return validator, found

@@ -11,24 +11,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
 from sassgis.grid import FloatArray, IntArray
-from sassgis.report.figures.style import (
-    BLUE,
-    INK,
-    ORANGE,
-    PURPLE,
-    SMALL,
-    VERMILION,
-    Sheet,
-    beside,
-    house_style,
-    log_ticks,
-    nothing_to_show,
-    percent_formatter,
-    round_step,
-    spread,
-    text_width_pt,
-    thousands_formatter,
-)
+from sassgis.report.figures import style
 from sassgis.settings.labels import thousands
 from sassgis.settings.languages import phrase
 from sassgis.settings.results import ControlLine, Histogram, StopReason
@@ -41,7 +24,7 @@ QUANTITIES = {
 }
 
 
-@house_style()
+@style.house_style()
 def energy_profile_figure(
     s_bins: FloatArray,
     quantiles: Mapping[float, FloatArray],
@@ -53,31 +36,21 @@ def energy_profile_figure(
 ) -> Figure:
     """Draw quantiles of a quantity along the profile, with the slope beneath.
 
-    Parameters
-    ----------
-    s_bins : float, shape (n + 1,)
-        Edges of the chainage bins (m).
-    quantiles : by share (0.5, 0.95, ...), float, shape (n,)
-        Value that this share of the passing blocks stays below; NaN where no block passes.
-    s, z : float, shape (m,)
-        Chainage and height of the vertices of the slope (m).
-    quantity : {"energy", "speed", "height"}
-        Energy (kJ) has a logarithmic axis; speed (m/s) and passing height (m) a plain one.
-    control_lines : (ControlLine, chainage)
-        Marked in both panels.
+    ``s_bins`` of shape (n + 1,) are the edges of the chainage bins (m), the quantiles those of the
+    passing blocks by share, of shape (n,), NaN where none passes; energy has a logarithmic axis.
     """
     name, unit, title = QUANTITIES[quantity]
-    figure = Sheet(title, "", 4.0).figure
+    figure = style.Sheet(title, "", 4.0).figure
     upper, lower = figure.subplots(2, 1, sharex=True, height_ratios=(1.7, 1.0))
     upper.set_ylabel(phrase("{} ({})", phrase(name), unit))
-    lower.plot(s, z, color=INK, lw=1.2, gid="slope")
+    lower.plot(s, z, color=style.INK, lw=1.2, gid="slope")
     lower.fill_between(s, z, np.min(z), color="#ece9e4", lw=0)
     lower.set(
         xlabel="chainage (m)", xlim=(np.min(s), np.max(s)),
         ylabel="height (m)", ylim=(np.min(z), np.max(z) + 0.06 * np.ptp(z) + 1e-9),
     )  # fmt: skip
     for axis in (lower.xaxis, lower.yaxis):
-        axis.set_major_formatter(thousands_formatter())
+        axis.set_major_formatter(style.thousands_formatter())
     _draw_control_lines(upper, lower, control_lines)
 
     log = quantity == "energy"
@@ -85,7 +58,7 @@ def energy_profile_figure(
     curves = {q: np.where(v > 0.0, v, np.nan) if log else v for q, v in sorted(quantiles.items())}
     known = np.concatenate([v[np.isfinite(v)] for v in curves.values()] or [np.empty(0)])
     if not known.size:
-        nothing_to_show(upper, "no block passes", keep_x=True)
+        style.nothing_to_show(upper, "no block passes", keep_x=True)
         return figure
     if log:
         high = np.log10(known.max())
@@ -93,14 +66,13 @@ def energy_profile_figure(
         low = max(np.log10(known.min()), high - 5.0)
         ends = 10.0 ** (low - 0.08), 10.0 ** (high + 0.12 * (high - low) + 0.1)
         upper.set(yscale="log", ylim=ends)
-        log_ticks(upper.yaxis, high - low)
+        style.log_ticks(upper.yaxis, high - low)
     else:
         upper.set_ylim(min(0.0, float(known.min())), 1.1 * max(float(known.max()), 1e-9))
     for i, (share, values) in enumerate(curves.items()):
         tone = 0.35 + 0.65 * (i + 1) / len(curves)
         shade = to_hex((1.0 - tone, 1.0 - 0.72 * tone, 1.0 - 0.5 * tone))
         width = 0.9 + 0.35 * i
-        # The median, or the share of blocks that stays below.
         name = phrase("median") if share == 0.5 else f"{100.0 * share:.4g} %"
         look = {"color": shade, "lw": width, "label": name, "gid": f"q{share:g}"}
         upper.stairs(values, s_bins, baseline=None, **look)
@@ -113,15 +85,15 @@ def _draw_control_lines(
 ) -> None:
     x0, x1 = lower.get_xlim()
     # The panels are about 5.6 inches wide.
-    room = np.array([text_width_pt(line.name) for line, _ in control_lines])
-    placed = spread([at for _, at in control_lines], room * (x1 - x0) / (72.0 * 5.6))
+    room = np.array([style.text_width_pt(line.name) for line, _ in control_lines])
+    placed = style.spread([at for _, at in control_lines], room * (x1 - x0) / (72.0 * 5.6))
     for (line, at), label in zip(control_lines, placed, strict=True):
-        colour = BLUE if line.kind == "station" else VERMILION
+        colour = style.BLUE if line.kind == "station" else style.VERMILION
         for ax in (upper, lower):
             ax.axvline(at, color=colour, lw=0.8, ls=(0, (4, 2)), zorder=1)
         upper.annotate(
             line.name, (at, 1.0), xycoords=("data", "axes fraction"), xytext=(label, 1.015),
-            textcoords=("data", "axes fraction"), ha="center", va="bottom", size=SMALL,
+            textcoords=("data", "axes fraction"), ha="center", va="bottom", size=style.SMALL,
             weight="bold", color=colour,
         )  # fmt: skip
 
@@ -129,10 +101,10 @@ def _draw_control_lines(
 #: Ticks at round numbers.
 _STEPS = [1, 2, 5, 10]
 _REASONS = {
-    StopReason.REST: ("at rest", BLUE),
-    StopReason.BARRIER: ("stopped by a barrier", VERMILION),
-    StopReason.LEFT_PROFILE: ("left the profile", ORANGE),
-    StopReason.STEP_LIMIT: ("aborted (contact limit)", PURPLE),
+    StopReason.REST: ("at rest", style.BLUE),
+    StopReason.BARRIER: ("stopped by a barrier", style.VERMILION),
+    StopReason.LEFT_PROFILE: ("left the profile", style.ORANGE),
+    StopReason.STEP_LIMIT: ("aborted (contact limit)", style.PURPLE),
     StopReason.NEVER_STARTED: ("never started", "#8c8c8c"),
     StopReason.BROKEN: ("broke into fragments", "#3d3d3d"),
 }
@@ -143,37 +115,36 @@ def _panel(ax: Axes, name: str, histogram: Histogram, log: bool) -> None:
     edges, counts = histogram.edges, histogram.counts
     used = np.nonzero(counts)[0]
     if not used.size:
-        nothing_to_show(ax, "no block here")
+        style.nothing_to_show(ax, "no block here")
         return
-    ax.stairs(counts, edges, fill=True, color=BLUE, alpha=0.18, lw=0)
-    ax.stairs(counts, edges, color=BLUE, lw=1.3, gid="computed")
+    ax.stairs(counts, edges, fill=True, color=style.BLUE, alpha=0.18, lw=0)
+    ax.stairs(counts, edges, color=style.BLUE, lw=1.3, gid="computed")
     # Bins reach further than most runs; show up to the last that holds a block.
     first, last = float(edges[used[0]]), float(edges[used[-1] + 1])
     if log:
         ax.set(xscale="log", xlim=(first / 1.1, 1.1 * last))
-        log_ticks(ax.xaxis, np.log10(last / first))
+        style.log_ticks(ax.xaxis, np.log10(last / first))
     else:
         first = min(first, max(float(edges[0]), 0.0))
         ax.set_xlim(first, last + 0.04 * (last - first))
         ax.xaxis.set_major_locator(MaxNLocator(6, steps=_STEPS))
     ax.set_ylim(0.0, 1.12 * float(counts.max()))
     ax.yaxis.set_major_locator(MaxNLocator(5, integer=True, steps=_STEPS))
-    ax.yaxis.set_major_formatter(thousands_formatter())
+    ax.yaxis.set_major_formatter(style.thousands_formatter())
     # No bin's share can be read as more than it is: the last one is open.
     if counts[-1] > 0:
         at = ((edges[-2] + edges[-1]) / 2.0, float(counts[-1]))
-        look = {"ha": "center", "va": "bottom", "color": BLUE, "gid": "open-bin"}
-        beside(ax, f"≥ {edges[-2]:.3g}", at, (0, 2), **look)
+        look = {"ha": "center", "va": "bottom", "color": style.BLUE, "gid": "open-bin"}
+        style.beside(ax, f"≥ {edges[-2]:.3g}", at, (0, 2), **look)
 
 
-@house_style()
+@style.house_style()
 def station_figure(name: str, *histograms: Histogram, n: int) -> Figure:
-    """Draw speed, rotation, height and energy of the blocks that pass a station, of n in all.
-
-    The edges of the energies grow by a factor.
-    """
+    """Draw speed, rotation, height, energy (by a factor) of blocks at a station, of n in all."""
     passed = thousands(int(np.sum(histograms[0].counts)))
-    figure = Sheet(name, phrase("{} of {} simulated blocks pass", passed, thousands(n)), 4.1).figure
+    figure = style.Sheet(
+        name, phrase("{} of {} simulated blocks pass", passed, thousands(n)), 4.1
+    ).figure
     axes = figure.subplots(2, 2)
     quantities = ("speed", "rotation", "passing height", "kinetic energy")
     for ax, quantity, histogram in zip(axes.flat, quantities, histograms, strict=True):
@@ -183,17 +154,13 @@ def station_figure(name: str, *histograms: Histogram, n: int) -> Figure:
     return figure
 
 
-@house_style()
+@style.house_style()
 def runout_figure(
     edges: FloatArray, counts: Mapping[StopReason, IntArray], *, title: str = ""
 ) -> Figure:
     """Draw where blocks end by StopReason, and the share that gets at least so far.
 
-    Parameters
-    ----------
-    edges : float, shape (n_bins + 1,)
-        Chainages between the bins (m), evenly spaced. They are drawn as about 30 wider ones.
-    counts : by StopReason, int, shape (n_bins,)
+    ``edges`` are evenly spaced chainages (m); their bins are drawn as about 30 wider ones.
     """
     total = np.sum(list(counts.values()), axis=0, dtype=float)
     kinds = {reason: int(np.sum(n)) for reason, n in counts.items() if np.any(n)}
@@ -208,17 +175,17 @@ def runout_figure(
             "shares lie on or above the line"
         )
         note = phrase(text, thousands(open_end), thousands(total.sum()))
-    sheet = Sheet(title, note, 3.6)
+    sheet = style.Sheet(title, note, 3.6)
     upper, lower = sheet.figure.subplots(2, 1, sharex=True, height_ratios=(1.0, 1.15))
     # At the lower edge of a bin all blocks of the bin and of those beyond are still moving;
     # between the edges a straight line claims least.
     beyond = 100.0 * (1.0 - np.append(0.0, np.cumsum(total)) / total.sum())
-    upper.plot(edges, beyond, color=INK, lw=1.4, gid="exceedance")
+    upper.plot(edges, beyond, color=style.INK, lw=1.4, gid="exceedance")
     upper.set(ylabel="blocks that get\nat least so far", ylim=(0.0, 104.0))
-    upper.yaxis.set_major_formatter(percent_formatter())
+    upper.yaxis.set_major_formatter(style.percent_formatter())
     used = np.flatnonzero(total)
     width, first, last = edges[1] - edges[0], used[0], used[-1] + 1
-    step = max(1, round(round_step(width * (last - first), 30) / width))
+    step = max(1, round(style.round_step(width * (last - first), 30) / width))
     starts = np.arange(first - first % step, last, step)
     drawn = edges[0] + width * np.append(starts, starts[-1] + step)
     base = np.zeros(starts.size)
@@ -237,6 +204,6 @@ def runout_figure(
     )  # fmt: skip
     lower.yaxis.set_major_locator(MaxNLocator(5, integer=True, steps=_STEPS))
     for axis in (lower.xaxis, lower.yaxis):
-        axis.set_major_formatter(thousands_formatter())
+        axis.set_major_formatter(style.thousands_formatter())
     sheet.legend(lower.get_legend_handles_labels()[0])
     return sheet.figure

@@ -13,46 +13,12 @@ from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 from scipy.stats import binom, energy_distance
 
+from sassgis.gap import words
 from sassgis.gap.diagnosis import Comparison, GapFinding, Hypothesis, Rung
-from sassgis.gap.words import (
-    effect_name,
-    place_name,
-    place_words,
-    quantity_name,
-    rung_name,
-    significance,
-    tested_by,
-    with_unit_in_brackets,
-)
 from sassgis.grid import FloatArray, Grid
+from sassgis.report.figures import map_marks, style
 from sassgis.report.figures.map_figure import MapPanel, colour_bar, draw_maps, finish
-from sassgis.report.figures.map_marks import (
-    MapMarks,
-    all_points,
-    draw_lines,
-    draw_points,
-    line_name,
-)
 from sassgis.report.figures.relief import footprint, view_of
-from sassgis.report.figures.style import (
-    BLUE,
-    GAP_COLOURS,
-    GREY,
-    INK,
-    LIGHT,
-    SKY,
-    SMALL,
-    TEXT,
-    VERMILION,
-    WIDTH_IN,
-    Sheet,
-    beside,
-    halo,
-    house_style,
-    nothing_to_show,
-    percent_formatter,
-    wrap,
-)
 from sassgis.settings.languages import joined, phrase, translated
 
 #: Rows of one quantity beyond this number are left out, the least certain first.
@@ -63,9 +29,6 @@ MAX_PANELS = 12
 _MARKED = 60
 #: Height of a row (in); rows that the title and the axis of a panel take.
 _ROW_IN, _HEAD_ROWS = 0.2, 2.6
-
-
-# --- where -----------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True, slots=True)
@@ -81,7 +44,7 @@ class GapStretch:
     sure: bool = True
 
 
-@house_style()
+@style.house_style()
 def gap_map_figure(
     grid: Grid,
     *,
@@ -95,11 +58,10 @@ def gap_map_figure(
 ) -> Figure:
     """Draw fall lines and stations over the relief, coloured by the gap of one quantity.
 
-    Fall lines, release points and where observed blocks lie (``stops``) are of shape (n, 2) (m);
-    ``stretches`` are the parts of the lines on which the quantity was compared. Quantity and unit
-    are empty if no gap is to be shown.
+    Lines, release and ``stops`` are of shape (n, 2) (m). Stretches and stations are trace, gap (NaN
+    where nothing was compared), and whether it is sure; the others are drawn thin.
     """
-    points = all_points([*lines, *(s.trace for s in stations.values()), release, stops])
+    points = map_marks.all_points([*lines, *(s.trace for s in stations.values()), release, stops])
     points = points[np.isfinite(points).all(axis=1)]
     view = view_of(grid, footprint(grid, None, points))
     gaps = [s.gap for s in (*stretches, *stations.values()) if math.isfinite(s.gap)]
@@ -109,7 +71,7 @@ def gap_map_figure(
         phrase(
             "Colour: {}, observed less predicted; vermilion: more was observed, blue: less; thin: "
             "not distinguished from chance.",
-            quantity_name(quantity),
+            words.quantity_name(quantity),
         ): gaps,
         phrase("Thin dark lines: fall lines."): lines,
         phrase("Triangles: release."): len(release),
@@ -118,17 +80,21 @@ def gap_map_figure(
     text = joined(" ", (part for part, there in keys.items() if there))
 
     def draw(ax: Axes) -> None:
-        draw_lines(ax, [c for c in lines if len(c) > 1], 0.5, 0.5)
+        map_marks.draw_lines(ax, [c for c in lines if len(c) > 1], 0.5, 0.5)
         _draw_stretches(ax, stretches, norm, 2.4, 6)
         _draw_stretches(ax, list(stations.values()), norm, 3.2, 8)
         for station in stations.values():
             if len(station.trace) > 1 and not math.isfinite(station.gap):
-                ax.plot(*station.trace.T, ls="--", color=INK, lw=1.1, zorder=7)
-        draw_points(ax, stops, "D", 3.2, "white", INK, 0.7, zorder=11, gid="stops")
+                ax.plot(*station.trace.T, ls="--", color=style.INK, lw=1.1, zorder=7)
+        map_marks.draw_points(ax, stops, "D", 3.2, "white", style.INK, 0.7, zorder=11, gid="stops")
 
-    panel = MapPanel(None, GAP_COLOURS, norm, alpha=1.0)
-    names = [line_name(n, station.trace) for n, station in stations.items() if len(station.trace)]
-    marks = MapMarks(list(release[:, None]), names=names)
+    panel = MapPanel(None, style.GAP_COLOURS, norm, alpha=1.0)
+    names = [
+        map_marks.line_name(n, station.trace)
+        for n, station in stations.items()
+        if len(station.trace)
+    ]
+    marks = map_marks.MapMarks(list(release[:, None]), names=names)
     sheet, axes = draw_maps(
         view, [panel], marks, "Where the gap lies", [text], taken=view.holds(points), more=draw
     )
@@ -143,20 +109,14 @@ def _draw_stretches(
     known = [s for s in stretches if math.isfinite(s.gap) and len(s.trace) > 1]
     widths = np.array([width if s.sure else 0.45 * width for s in known])
     traces = [s.trace for s in known]
-    colours = GAP_COLOURS(norm([s.gap for s in known])) if known else INK
-    edges = LineCollection(traces, colors=INK, linewidths=widths + 0.8, alpha=0.55, zorder=zorder)
+    colours = style.GAP_COLOURS(norm([s.gap for s in known])) if known else style.INK
+    edges = LineCollection(
+        traces, colors=style.INK, linewidths=widths + 0.8, alpha=0.55, zorder=zorder
+    )
     ax.add_collection(edges)
     ax.add_collection(
         LineCollection(traces, colors=colours, linewidths=widths, zorder=zorder + 1, gid="gaps")
     )
-
-
-def _row_label(finding: GapFinding, rows: Sequence[GapFinding]) -> str:
-    """Label in the language of the figure: labels of an axis are set anew when it is drawn."""
-    place = place_name(finding.place.replace("_", " "))
-    same = [f for f in rows if (f.place, f.phase) == (finding.place, finding.phase)]
-    phase = tested_by(finding.test) if len(same) > 1 else phrase(finding.phase)
-    return translated(phrase("{} · {}", place, phase) if phase else place)
 
 
 def _chosen_rows(findings: Sequence[GapFinding]) -> dict[tuple[str, str], list[GapFinding]]:
@@ -177,13 +137,9 @@ def _chosen_rows(findings: Sequence[GapFinding]) -> dict[tuple[str, str], list[G
     }
 
 
-@house_style()
+@style.house_style()
 def gap_where_figure(findings: Sequence[GapFinding]) -> Figure:
-    """Draw every gap as a dot with its interval, a panel for each quantity in its unit.
-
-    The most certain findings come first. Quantities beyond ``MAX_PANELS`` and rows of one beyond
-    ``MAX_ROWS`` are left out, and the figure says so.
-    """
+    """Draw gaps with their intervals, a panel for each quantity; says what is left out."""
     groups = _chosen_rows(findings)
     shown = sum(len(rows) for rows in groups.values())
     note = phrase(
@@ -200,7 +156,7 @@ def gap_where_figure(findings: Sequence[GapFinding]) -> Figure:
         column = int(np.argmin(filled))
         columns[column].append(key)
         filled[column] += len(rows) + _HEAD_ROWS
-    sheet = Sheet("Observed less predicted, by place and phase", note, _ROW_IN * max(filled))
+    sheet = style.Sheet("Observed less predicted, by place and phase", note, _ROW_IN * max(filled))
     grid = sheet.figure.add_gridspec(1, len(columns))
     for k, keys in enumerate(columns):
         # The room below the shorter column stays empty.
@@ -209,8 +165,8 @@ def gap_where_figure(findings: Sequence[GapFinding]) -> Figure:
         parts = grid[0, k].subgridspec(len(keys) + len(rest), 1, height_ratios=ratios + rest)
         for i, key in enumerate(keys):
             ax = sheet.figure.add_subplot(parts[i])
-            name = with_unit_in_brackets(quantity_name(key[0]), key[1])
-            ax.set_title(wrap(name, WIDTH_IN / len(columns) - 0.8, TEXT))
+            name = words.with_unit_in_brackets(words.quantity_name(key[0]), key[1])
+            ax.set_title(style.wrap(name, style.WIDTH_IN / len(columns) - 0.8, style.TEXT))
             _draw_gaps(ax, groups[key])
     return sheet.figure
 
@@ -230,33 +186,38 @@ def _rows_only(ax: Axes, n: int, rest: float) -> None:
 
 
 def _draw_gaps(ax: Axes, rows: Sequence[GapFinding]) -> None:
-    ax.axvline(0.0, color=GREY, lw=0.8, zorder=1)
+    ax.axvline(0.0, color=style.GREY, lw=0.8, zorder=1)
     for i, finding in enumerate(rows):
-        sure = significance(finding)
-        colour = GREY if sure == "open" else VERMILION if finding.gap > 0.0 else BLUE
+        sure = words.significance(finding)
+        colour = (
+            style.GREY if sure == "open" else style.VERMILION if finding.gap > 0.0 else style.BLUE
+        )
         _interval(ax, i, finding.ci95, colour)
         ax.plot(
             [finding.gap], [i], "o", ms=4.5, mec=colour, mew=1.1,
             mfc=colour if sure == "sure" else "white", zorder=5, gid=f"gap-{sure}",
         )  # fmt: skip
-        beside(
-            ax, str(finding.rocks), (1.0, i), (6.0, 0.0), color=GREY, va="center",
+        style.beside(
+            ax, str(finding.rocks), (1.0, i), (6.0, 0.0), color=style.GREY, va="center",
             xycoords=("axes fraction", "data"), annotation_clip=False,
         )  # fmt: skip
-    ax.set_yticks(range(len(rows)), [_row_label(f, rows) for f in rows])
+    labels = []
+    for finding in rows:
+        place = words.place_name(finding.place.replace("_", " "))
+        same = [f for f in rows if (f.place, f.phase) == (finding.place, finding.phase)]
+        phase = words.tested_by(finding.test) if len(same) > 1 else phrase(finding.phase)
+        # In the language of the figure: labels of an axis are set anew when it is drawn.
+        labels.append(translated(phrase("{} · {}", place, phase) if phase else place))
+    ax.set_yticks(range(len(rows)), labels)
     for label, finding in zip(ax.get_yticklabels(), rows, strict=True):
-        label.set_fontweight("bold" if significance(finding) == "sure" else "normal")
+        label.set_fontweight("bold" if words.significance(finding) == "sure" else "normal")
     _rows_only(ax, len(rows), 0.6)
     ax.margins(x=0.08)
     ax.locator_params(axis="x", nbins=4)
 
 
-# --- before and after ------------------------------------------------------------------------
-
-
 def _known(values: Sequence[float]) -> FloatArray:
-    array = np.asarray(values, float)
-    return np.asarray(array[np.isfinite(array)])
+    return np.asarray([v for v in values if math.isfinite(v)], float)
 
 
 def _steps(values: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -276,13 +237,12 @@ def _distance(observed: FloatArray, model: FloatArray) -> float:
     return float(energy_distance(observed, model) ** 2) / (unit or 1.0)
 
 
-@house_style()
+@style.house_style()
 def gap_distributions_figure(comparisons: Sequence[Comparison], *, effect: str = "") -> Figure:
     """Draw the distributions of observed rocks and of the models, each as it is: in steps.
 
-    The band is that of the calibrated base model for as many rocks as were observed: a curve within
-    it does not differ from that model. Of more than ``MAX_PANELS`` comparisons the figure says so.
-    ``effect`` is that of the effect model, empty if none is named.
+    The band is that of the calibrated base model for as many rocks as were observed. ``effect`` is
+    that of the effect model, empty if none is named.
     """
     chosen = list(comparisons)[:MAX_PANELS]
     after = bool(effect) and any(c.effect for c in chosen)
@@ -297,7 +257,7 @@ def gap_distributions_figure(comparisons: Sequence[Comparison], *, effect: str =
         "that are drawn."
     )
     if after:
-        parts.append(phrase("Vermilion: with {}.", effect_name(effect)))
+        parts.append(phrase("Vermilion: with {}.", words.effect_name(effect)))
         text = (
             "D: energy distance to the observed values, in their standard deviations, base → with "
             "the effect, of the values that are drawn."
@@ -308,10 +268,10 @@ def gap_distributions_figure(comparisons: Sequence[Comparison], *, effect: str =
     note = joined(" ", parts)
     columns = min(len(chosen), 3 if len(chosen) > 4 else 2)
     rows = -(-len(chosen) // columns)
-    sheet = Sheet("Observed and simulated, before and after", note, 1.95 * rows)
+    sheet = style.Sheet("Observed and simulated, before and after", note, 1.95 * rows)
     axes = sheet.figure.subplots(rows, columns, squeeze=False, sharey=True)
     for ax, comparison in zip(axes.flat, chosen, strict=False):
-        _draw_comparison(ax, comparison, WIDTH_IN / columns - 0.3, after)
+        _draw_comparison(ax, comparison, style.WIDTH_IN / columns - 0.3, after)
     for ax in axes.flat[len(chosen) :]:
         ax.set_axis_off()
     for ax in axes[:, 0]:
@@ -322,80 +282,79 @@ def gap_distributions_figure(comparisons: Sequence[Comparison], *, effect: str =
 def _draw_comparison(ax: Axes, comparison: Comparison, width_in: float, after: bool) -> None:
     seen, base = _known(comparison.observed), _known(comparison.base)
     with_effect = _known(comparison.effect) if after else np.empty(0)
-    words = with_unit_in_brackets(
-        phrase("{} {}", quantity_name(comparison.quantity), place_words(comparison.place)),
+    named = words.with_unit_in_brackets(
+        phrase(
+            "{} {}", words.quantity_name(comparison.quantity), words.place_words(comparison.place)
+        ),
         comparison.unit,
     )
-    ax.set_title(wrap(words, width_in, SMALL + 0.5), size=SMALL + 0.5, pad=3)
+    ax.set_title(style.wrap(named, width_in, style.SMALL + 0.5), size=style.SMALL + 0.5, pad=3)
     ax.set_ylim(-0.02, 1.04)
-    ax.yaxis.set_major_formatter(percent_formatter(1.0))
+    ax.yaxis.set_major_formatter(style.percent_formatter(1.0))
     ax.locator_params(axis="x", nbins=5)
     if not seen.size:
-        nothing_to_show(ax, "not observed", keep_x=True)
+        style.nothing_to_show(ax, "not observed", keep_x=True)
         return
     if base.size:
         x, low, high = _band(base, seen.size)
-        ax.fill_between(x, low, high, step="post", color=SKY, alpha=0.25, lw=0, gid="band")
-    curves = ((base, BLUE, 1.3, "base"), (with_effect, VERMILION, 1.3, "effect"))
-    for values, colour, width, gid in (*curves, (seen, INK, 1.1, "observed")):
+        ax.fill_between(x, low, high, step="post", color=style.SKY, alpha=0.25, lw=0, gid="band")
+    curves = ((base, style.BLUE, 1.3, "base"), (with_effect, style.VERMILION, 1.3, "effect"))
+    for values, colour, width, gid in (*curves, (seen, style.INK, 1.1, "observed")):
         if values.size:
             ax.step(*_steps(values), where="post", color=colour, lw=width, gid=gid)
     if seen.size <= _MARKED:
         x, y = _steps(seen)
-        ax.plot(x[1:], y[1:], "o", ms=2.2, color=INK, gid="observed-values")
+        ax.plot(x[1:], y[1:], "o", ms=2.2, color=style.INK, gid="observed-values")
     distances = [f"{_distance(seen, v):.2g}" for v in (base, with_effect) if v.size]
     compared = "D " + " → ".join(distances) + "\n" if distances else ""
     ax.text(
         0.97, 0.06, f"{compared}n = {seen.size}", transform=ax.transAxes, ha="right", va="bottom",
-        size=SMALL, gid="distance", path_effects=halo(), zorder=9,
+        size=style.SMALL, gid="distance", path_effects=style.halo(), zorder=9,
     )  # fmt: skip
 
 
-# --- which -----------------------------------------------------------------------------------
-
-
-@house_style()
+@style.house_style()
 def gap_ladder_figure(ladder: Sequence[Rung]) -> Figure:
-    """Draw the distance of each model to the observed rocks, and the share of the gap it closes.
-
-    The configured model comes first, what chance leaves last.
-    """
+    """Draw the distance of each model to the observed rocks, and how much it closes the gap."""
     note = (
         "Energy distance to the observed rocks, each compared with a model fitted without it; in "
         "brackets the 95 % interval of the share of the gap (rocks resampled)."
     )
     n = len(ladder)
-    sheet = Sheet("How far the gap shrinks", note, 0.32 * n + 0.5)
+    sheet = style.Sheet("How far the gap shrinks", note, 0.32 * n + 0.5)
     ax = sheet.figure.subplots()
     ax.set_label("ladder")
     for i, rung in enumerate(ladder):
         ends = rung.rung in ("configured", "floor")
-        ax.barh(i, rung.distance, 0.6, color=LIGHT if ends else BLUE, gid=f"rung-{rung.rung}")
+        ax.barh(
+            i,
+            rung.distance,
+            0.6,
+            color=style.LIGHT if ends else style.BLUE,
+            gid=f"rung-{rung.rung}",
+        )
         if rung.share is not None:
             low, high = (100 * v for v in rung.ci95 or (0.0, 0.0))
             numbers = (f"{v:.0f}".replace("-", "\u2212") for v in (100 * rung.share, low, high))
             text = phrase(" closes {} % ({} to {})", *numbers)
             if rung.ci95 is None:
                 text = phrase(" closes {} %", f"{100 * rung.share:.0f}".replace("-", "\u2212"))
-            ax.text(max(rung.distance, 0.0), i, text, va="center", size=SMALL)
-    ax.axvline(0.0, color=GREY, lw=0.8, zorder=1)
-    names = [wrap(rung_name(r.rung), 1.85, TEXT) for r in ladder]
-    ax.set_yticks(range(n), names, size=TEXT)
+            ax.text(max(rung.distance, 0.0), i, text, va="center", size=style.SMALL)
+    ax.axvline(0.0, color=style.GREY, lw=0.8, zorder=1)
+    names = [style.wrap(words.rung_name(r.rung), 1.85, style.TEXT) for r in ladder]
+    ax.set_yticks(range(n), names, size=style.TEXT)
     _rows_only(ax, n, 0.6)
     ax.grid(visible=False)
     ax.set_xlim(min(0.0, *(r.distance for r in ladder)), 1.45 * max(r.distance for r in ladder))
-    ax.set_xlabel("energy distance", size=SMALL)
+    ax.set_xlabel("energy distance", size=style.SMALL)
     return sheet.figure
 
 
-@house_style()
+@style.house_style()
 def gap_hypotheses_figure(
     hypotheses: Sequence[Hypothesis], *, verdict: str, confusion: Sequence[str] = ()
 ) -> Figure:
-    """Draw what each explanation gains, and how probable it is, the most probable first.
-
-    The effect that the diagnosis names is marked, and those that the data do not separate from it.
-    """
+    """Draw gain and probability of each explanation; marks the answer and what may be it."""
     n = len(hypotheses)
     others = [e for e in confusion if e != verdict]
     note = phrase(
@@ -405,33 +364,36 @@ def gap_hypotheses_figure(
     )
     if others:
         note = joined(" ", (note, phrase("Blue: not separated from it by these data.")))
-    sheet = Sheet("Explanations that were tried", note, 0.29 * n + 0.6)
+    sheet = style.Sheet("Explanations that were tried", note, 0.29 * n + 0.6)
     gains, shares = sheet.figure.subplots(1, 2, width_ratios=(1.6, 1.0))
-    gains.axvline(0.0, color=GREY, lw=0.8, zorder=1)
+    gains.axvline(0.0, color=style.GREY, lw=0.8, zorder=1)
     for i, hypothesis in enumerate(hypotheses):
         named = hypothesis.effect == verdict
-        colour = VERMILION if named else BLUE if hypothesis.effect in others else GREY
+        colour = (
+            style.VERMILION if named else style.BLUE if hypothesis.effect in others else style.GREY
+        )
         if hypothesis.ci95[0] < hypothesis.ci95[1]:
             _interval(gains, i, hypothesis.ci95, colour)
         if math.isfinite(hypothesis.gain):
             gains.plot([hypothesis.gain], [i], "o", ms=4.5, color=colour, zorder=5, gid="gain")
         share = hypothesis.probability if math.isfinite(hypothesis.probability) else 0.0
-        bar = LIGHT if colour == GREY else colour
+        bar = style.LIGHT if colour == style.GREY else colour
         shares.barh(i, share, 0.6, color=bar, gid=f"share-{hypothesis.effect}")
         text = f"{100 * share:.0f} %" if share >= 0.005 else "< 1 %"
-        shares.text(share + 0.02, i, text, va="center", size=SMALL)
+        shares.text(share + 0.02, i, text, va="center", size=style.SMALL)
     names = [
-        joined("\n", filter(None, (effect_name(h.effect), wrap(h.form, 2.4)))) for h in hypotheses
+        joined("\n", filter(None, (words.effect_name(h.effect), style.wrap(h.form, 2.4))))
+        for h in hypotheses
     ]
     gains.set_yticks(range(n), [translated(name) for name in names])
     for label, hypothesis in zip(gains.get_yticklabels(), hypotheses, strict=True):
         label.set_fontweight("bold" if hypothesis.effect == verdict else "normal")
     shares.set_yticks([])
     for ax, title in ((gains, "gain in score"), (shares, "probability")):
-        ax.set_title(title, size=TEXT)
+        ax.set_title(title, size=style.TEXT)
         _rows_only(ax, n, 0.55)
     shares.set(xlim=(0.0, 1.18), xticks=[0.0, 0.5, 1.0])
-    shares.xaxis.set_major_formatter(percent_formatter(1.0))
+    shares.xaxis.set_major_formatter(style.percent_formatter(1.0))
     gains.margins(x=0.08)
     gains.locator_params(axis="x", nbins=5)
     return sheet.figure

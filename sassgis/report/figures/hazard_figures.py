@@ -19,45 +19,21 @@ from sassgis.grid import FloatArray
 from sassgis.hazard.curves import rate_interval, return_period
 from sassgis.hazard.design import Arrivals
 from sassgis.hazard.levels import deciding_energy, hazard_level
-from sassgis.report.figures.style import (
-    BLUE,
-    GREEN,
-    GREY,
-    INK,
-    LIGHT,
-    ORANGE,
-    PURPLE,
-    SKY,
-    SMALL,
-    VERMILION,
-    WIDTH_IN,
-    Sheet,
-    beside,
-    halo,
-    house_style,
-    ink_on,
-    lines_in,
-    log_ticks,
-    new_figure,
-    plain_tick,
-    wrap,
-)
+from sassgis.report.figures import style
+from sassgis.report.figures.map_marks import draw_points
 from sassgis.settings.hazard_rules import HazardCurves, HazardPreset
 from sassgis.settings.labels import power_of_ten, thousands
 from sassgis.settings.languages import joined, phrase
 
 #: Sources with a separate curve; the others go together.
 MAX_SOURCES = 6
-_COLOURS = (BLUE, VERMILION, GREEN, PURPLE, ORANGE, SKY)
+_COLOURS = (style.BLUE, style.VERMILION, style.GREEN, style.PURPLE, style.ORANGE, style.SKY)
 _DASHES = ((0, (5, 1.5)), (0, (1, 1.2)), (0, (6, 1.5, 1, 1.5)), (0, (3, 1)), (0, (8, 2)), "-")
 _FIELD_ALPHA = 0.38
 
 
 def leading_sources(by_source: Mapping[str, FloatArray]) -> dict[str, FloatArray]:
-    """Return the sources from which most blocks arrive, and the sum of the others.
-
-    At most ``MAX_SOURCES``; those without a block are left out. Rates are of shape (n_energies,).
-    """
+    """Return rates of at most MAX_SOURCES sources, the most frequent first, others as a sum."""
     coming = {name: np.asarray(r, float) for name, r in by_source.items() if np.any(r > 0.0)}
     names = sorted(coming, key=lambda name: -coming[name][0])
     if len(names) <= MAX_SOURCES:
@@ -97,11 +73,11 @@ def _draw_matrix(ax: Axes, preset: HazardPreset, energy: tuple[float, float]) ->
                 Rectangle((left, bottom), *size, fc="none", ec="white", lw=1.0, zorder=0.6)
             )
             if np.log(top / bottom) > 0.06 * np.log(high / low):
-                words = ink_on(level.colour, _FIELD_ALPHA)
+                words = style.ink_on(level.colour, _FIELD_ALPHA)
                 ax.text(
-                    np.sqrt(left * right), np.sqrt(bottom * top), level.label, size=SMALL,
+                    np.sqrt(left * right), np.sqrt(bottom * top), level.label, size=style.SMALL,
                     color=words, ha="center", va="center", zorder=1.5,
-                    path_effects=halo() if level.hatched else None,
+                    path_effects=style.halo() if level.hatched else None,
                 )  # fmt: skip
 
 
@@ -116,7 +92,7 @@ def _rate_limits(rates: FloatArray, preset: HazardPreset) -> tuple[float, float]
     return 10.0 ** np.floor(np.log10(low)), 10.0 ** np.ceil(np.log10(1.2 * high))
 
 
-@house_style()
+@style.house_style()
 def hazard_curve_figure(
     curves: HazardCurves,
     row: int,
@@ -126,21 +102,11 @@ def hazard_curve_figure(
     confidence: float = 0.95,
     note: str = "",
 ) -> Figure:
-    """Draw how often blocks reach a place with at least some energy.
+    """Draw how often blocks reach a place with at least some energy, over the hazard matrix.
 
-    Over the fields of the preset's matrix, whose highest field on the curve is the level.
-
-    Parameters
-    ----------
-    curves : HazardCurves
-        With the thresholds of the preset among its energies.
-    row : int
-        Position of the place in the curves.
-    by_source : mapping of str to float, shape (n_energies,), optional
-        Rate (1/year) of each source at the place; of more than ``MAX_SOURCES``, those from which
-        fewest blocks arrive are drawn together.
-    confidence : float
-        Of the band around the sum.
+    ``row`` is the place in the curves, which have the thresholds of the preset; ``by_source`` are
+    rates (1/year) of shape (n_energies,), of which the least of more than ``MAX_SOURCES`` go
+    together.
     """
     one = curves.part([row])
     energies, total = one.energies_kj, one.rate[0]
@@ -149,7 +115,7 @@ def hazard_curve_figure(
     notes = [_level_words(one, preset)]
     if np.isnan(lower[total > 0.0]).any():
         notes.append("The sample does not give the error of the rates.")
-    sheet = Sheet("Hazard curve", joined(" ", filter(None, (*notes, note))), 3.8)
+    sheet = style.Sheet("Hazard curve", joined(" ", filter(None, (*notes, note))), 3.8)
     ax = sheet.figure.subplots()
     ax.set_label("curve")
     first = float(energies[1]) if energies.size > 1 else 1.0
@@ -170,7 +136,7 @@ def hazard_curve_figure(
     if np.isfinite(lower).any():
         ax.fill_between(
             at, np.maximum(np.nan_to_num(lower), 1e-300), np.nan_to_num(upper, nan=0.0),
-            where=np.isfinite(lower) & (upper > 0.0), color=INK, alpha=0.2, lw=0.0, zorder=3,
+            where=np.isfinite(lower) & (upper > 0.0), color=style.INK, alpha=0.2, lw=0.0, zorder=3,
             label=phrase("{} % interval of the sample", f"{100.0 * confidence:g}"), gid="band",
         )  # fmt: skip
     for (name, rates), colour, dashes in zip(sources.items(), _COLOURS, _DASHES, strict=False):
@@ -178,20 +144,12 @@ def hazard_curve_figure(
             at, shown(rates), color=colour, ls=dashes, lw=1.3, label=name, zorder=4,
             gid=f"source-{name}",
         )  # fmt: skip
-    ax.plot(
-        at,
-        shown(total),
-        color=INK,
-        lw=1.8,
-        label=("all release areas and scenarios"),
-        zorder=5,
-        gid="total",
-    )
+    label = "all release areas and scenarios"
+    ax.plot(at, shown(total), color=style.INK, lw=1.8, label=label, zorder=5, gid="total")
     columns = [one.column(e) for e in preset.thresholds_kj]
-    ax.plot(
-        at[columns], shown(total)[columns], "o", ms=4.5, mfc="white", mec=INK, mew=1.2, zorder=6,
-        clip_on=False, gid="thresholds",
-    )  # fmt: skip
+    dots = np.column_stack([at[columns], shown(total)[columns]])
+    look = {"clip_on": False, "zorder": 6, "gid": "thresholds"}
+    draw_points(ax, dots, "o", 4.5, "white", style.INK, 1.2, **look)
     _label_axes(ax, preset)
     sheet.legend(ax.get_legend_handles_labels()[0])
     return sheet.figure
@@ -222,7 +180,7 @@ def _label_axes(ax: Axes, preset: HazardPreset) -> None:
         ylabel="frequency of reaching it or more (1/year)",
     )
     for axis in (ax.xaxis, ax.yaxis):
-        axis.set_major_formatter(plain_tick)
+        axis.set_major_formatter(style.plain_tick)
         axis.set_minor_locator(NullLocator())
     periods = preset.return_periods
     right = ax.twinx()
@@ -236,22 +194,19 @@ def _label_axes(ax: Axes, preset: HazardPreset) -> None:
     right.spines["right"].set_visible(True)
 
 
-@house_style()
+@style.house_style()
 def blocks_figure(history: Sequence[tuple[int, float]], limit: float) -> Figure:
-    """Draw the share of the zoned area that another sample changes against the blocks.
-
-    ``history`` is that of Progress, ``limit`` the share that was asked for.
-    """
-    figure = new_figure(0.5 * WIDTH_IN, 2.2)
+    """Draw the share of the zoned area that another sample changes against the blocks."""
+    figure = style.new_figure(0.5 * style.WIDTH_IN, 2.2)
     ax = figure.subplots()
     blocks, shares = (np.array(values, np.float64) for values in zip(*history, strict=True))
-    ax.axhline(100.0 * limit, color=VERMILION, linewidth=0.8)
-    ax.plot(blocks, 100.0 * shares, "o-", color=BLUE, markersize=4, linewidth=1.1)
+    ax.axhline(100.0 * limit, color=style.VERMILION, linewidth=0.8)
+    ax.plot(blocks, 100.0 * shares, "o-", color=style.BLUE, markersize=4, linewidth=1.1)
     ax.set(
         xscale="log", xlabel="simulated blocks",
         yscale="log", ylabel="changed by another seed (%)",
     )  # fmt: skip
-    log_ticks(ax.xaxis, np.log10(blocks[-1] / blocks[0]))
+    style.log_ticks(ax.xaxis, np.log10(blocks[-1] / blocks[0]))
     for axis in (ax.xaxis, ax.yaxis):
         axis.set_minor_locator(NullLocator())
     ax.yaxis.set_major_formatter("{x:g}")
@@ -274,7 +229,7 @@ def amount(value: float) -> str:
     return f"{number}\u2009×\u2009{power_of_ten(int(exponent))}"
 
 
-@house_style()
+@style.house_style()
 def risk_figure(
     names: Sequence[str],
     values: FloatArray,
@@ -284,20 +239,10 @@ def risk_figure(
     unit: str,
     top: int = 15,
 ) -> Figure:
-    """Draw the objects at largest risk, one at least, as bars with the interval of the sample.
+    """Draw the ``top`` objects at risk, one at least, as bars with the interval of the sample.
 
-    Parameters
-    ----------
-    names : sequence of str
-        Of the objects.
-    values : float, shape (n,)
-        Risk of each.
-    limits : pair of float, shape (n,)
-        Low and high by its sampling (95 %); NaN where not known.
-    quantity, unit : str
-        As "deaths" and "1/year".
-    top : int
-        Objects that are drawn; the others are summed in the note.
+    ``limits`` are low and high (95 %), NaN where not known; the other objects are summed in the
+    note.
     """
     order = np.argsort(-np.nan_to_num(values), kind="stable")
     order = order[values[order] > 0.0]
@@ -319,12 +264,11 @@ def risk_figure(
         text = "Thin lines: 95 % intervals of the sample of blocks alone."
         notes.append(phrase(text))
     title = {"loss": "Loss by object", "deaths": "Deaths by object"}[quantity]
-    labels = [wrap(names[i], 1.9) for i in chosen]
-    heights = [0.13 * lines_in(label) + 0.1 for label in labels]
-    sheet = Sheet(title, joined(" ", notes), max(sum(heights), 0.8) + 0.4)
+    labels = [style.wrap(names[i], 1.9) for i in chosen]
+    heights = [0.13 * style.lines_in(label) + 0.1 for label in labels]
+    sheet = style.Sheet(title, joined(" ", notes), max(sum(heights), 0.8) + 0.4)
     ax = sheet.figure.subplots()
     ax.set_label("risk")
-    # In steps of three, so that the numbers along the axis are short.
     exponent = min(0, 3 * int(np.floor(np.log10(risk.max()) / 3.0)))
     power = f"{power_of_ten(exponent)} " if exponent else ""
     ax.set_xlabel(phrase("{} ({}{})", phrase(quantity), power, unit))
@@ -333,12 +277,16 @@ def risk_figure(
     )
     edges = np.cumsum([0.0, *heights])
     middle = (edges[:-1] + edges[1:]) / 2.0
-    ax.barh(middle, risk, height=0.14, color=BLUE, alpha=0.75, zorder=2, gid="bars")
-    ax.hlines(middle[known], low[known], high[known], color=INK, lw=0.9, zorder=3, gid="intervals")
+    ax.barh(middle, risk, height=0.14, color=style.BLUE, alpha=0.75, zorder=2, gid="bars")
+    ax.hlines(
+        middle[known], low[known], high[known], color=style.INK, lw=0.9, zorder=3, gid="intervals"
+    )
     ends = np.where(known, high, risk)
     for y, value, end in zip(middle, risk, ends, strict=True):
         text = amount(float(value))
-        beside(ax, text, (float(end), y), (4, 0), va="center", ha="left", color=INK, gid="value")
+        style.beside(
+            ax, text, (float(end), y), (4, 0), va="center", ha="left", color=style.INK, gid="value"
+        )
     ax.set(xlim=(0.0, 1.2 * ends.max()), ylim=(edges[-1], 0.0))
     ax.set_yticks(middle, labels)
     ax.tick_params(axis="y", length=0)
@@ -351,7 +299,7 @@ def risk_figure(
 _RARER = 5.0
 
 
-@house_style()
+@style.house_style()
 def protection_figure(
     places: pd.DataFrame,
     before: Arrivals,
@@ -363,25 +311,16 @@ def protection_figure(
 ) -> Figure:
     """Draw energies before and behind a line by frequency, and what reaches copies of the line.
 
-    Parameters
-    ----------
-    places : DataFrame
-        Rows of places_table of this line; with a single row the second part is left out.
-    before, behind : Arrivals
-        Energies without walls and nets, and with them behind the line; None: no barrier.
-    capacity_kj : float
-        Drawn where it is finite.
-    confidence : float
-        Of the bands.
+    ``places`` are its rows of places_table; with a single one the second part is left out.
     """
     along = len(places) > 1
-    figure = new_figure(WIDTH_IN, 2.7)
+    figure = style.new_figure(style.WIDTH_IN, 2.7)
     grid = figure.add_gridspec(2, 2 if along else 1, height_ratios=(2.2, 1.0))
     ax = figure.add_subplot(grid[:, 0])
     least = 1.0 / max(return_periods_years) / _RARER
     for curve, colour, name in (
-        (before, BLUE, "arriving, without walls and nets"),
-        (behind, VERMILION, "passing it"),
+        (before, style.BLUE, "arriving, without walls and nets"),
+        (behind, style.VERMILION, "passing it"),
     ):
         if curve is None:
             continue
@@ -401,19 +340,21 @@ def protection_figure(
         yscale="log", ylim=(least, max(2.0 * most, 10.0 * least)), ylabel="blocks a year",
     )  # fmt: skip
     for years in return_periods_years:
-        ax.axhline(1.0 / years, color=LIGHT, lw=0.8, zorder=0.5)
-        beside(
+        ax.axhline(1.0 / years, color=style.LIGHT, lw=0.8, zorder=0.5)
+        style.beside(
             ax, phrase("{} years", f"{years:g}"), (ax.get_xlim()[1], 1.0 / years), (-3, 2),
-            ha="right", color=GREY, path_effects=halo(),
+            ha="right", color=style.GREY, path_effects=style.halo(),
         )  # fmt: skip
     if np.isfinite(capacity_kj):
-        ax.axvline(capacity_kj, color=INK, lw=0.9, ls="--", label=phrase("capacity of the net"))
+        ax.axvline(
+            capacity_kj, color=style.INK, lw=0.9, ls="--", label=phrase("capacity of the net")
+        )
     left, right = ax.get_xlim()
-    log_ticks(ax.xaxis, np.log10(right / left))
-    ax.yaxis.set_major_formatter(plain_tick)
+    style.log_ticks(ax.xaxis, np.log10(right / left))
+    ax.yaxis.set_major_formatter(style.plain_tick)
     ax.yaxis.set_minor_locator(NullLocator())
     if ax.get_legend_handles_labels()[0]:
-        ax.legend(fontsize=SMALL, loc="lower left")
+        ax.legend(fontsize=style.SMALL, loc="lower left")
     if along:
         upper = figure.add_subplot(grid[0, 1])
         _draw_along(upper, figure.add_subplot(grid[1, 1], sharex=upper), places)
@@ -424,20 +365,20 @@ def _draw_along(upper: Axes, lower: Axes, places: pd.DataFrame) -> None:
     """Draw 95 % energy and passing height, and the share of the blocks that comes so far."""
     moved = places["moved_m"].to_numpy(float)
     other = upper.twinx()
-    for ax, key, colour, name, style in (
-        (upper, "energy_q95_kj", BLUE, "energy, 95 % (kJ)", "o-"),
-        (other, "height_q95_m", VERMILION, "passing height, 95 % (m)", "s--"),
+    for ax, key, colour, name, marks in (
+        (upper, "energy_q95_kj", style.BLUE, "energy, 95 % (kJ)", "o-"),
+        (other, "height_q95_m", style.VERMILION, "passing height, 95 % (m)", "s--"),
     ):
         value, low, high = (places[key + end].to_numpy(float) for end in ("", "_low", "_high"))
         ax.fill_between(moved, low, high, color=colour, alpha=0.15, lw=0.0)
-        ax.plot(moved, value, style, color=colour, ms=3.0, lw=1.1)
-        ax.set_ylabel(name, color=colour, size=SMALL)
+        ax.plot(moved, value, marks, color=colour, ms=3.0, lw=1.1)
+        ax.set_ylabel(name, color=colour, size=style.SMALL)
         ax.set_ylim(0.0, 1.15 * float(np.nanmax([*value, *high, 1e-9])))
     other.spines["right"].set_visible(True)
     upper.tick_params(labelbottom=False)
-    lower.bar(moved, 100.0 * places["share"].to_numpy(float), 7.0, color=GREY)
-    lower.set_ylabel("blocks (%)", size=SMALL)
+    lower.bar(moved, 100.0 * places["share"].to_numpy(float), 7.0, color=style.GREY)
+    lower.set_ylabel("blocks (%)", size=style.SMALL)
     lower.set_xlabel("line moved: upslope (−), downslope (+) (m)")
     lower.set_xticks(moved)
     for ax in (upper, lower):
-        ax.axvline(0.0, color=INK, lw=0.7, zorder=0.4)
+        ax.axvline(0.0, color=style.INK, lw=0.7, zorder=0.4)

@@ -13,17 +13,7 @@ from numpy.typing import NDArray
 
 from sassgis.grid import FloatArray, Grid
 from sassgis.hazard.zone_styles import LEVEL_CHANGES
-from sassgis.report.figures.map_figure import (
-    MapPanel,
-    class_panel,
-    class_positions,
-    class_signs,
-    coarse_note,
-    colour_bar,
-    draw_maps,
-    finish,
-    legend_beside,
-)
+from sassgis.report.figures import map_figure
 from sassgis.report.figures.map_marks import MapMarks, all_points
 from sassgis.report.figures.relief import footprint, view_of
 from sassgis.report.figures.style import GAP_COLOURS, house_style
@@ -36,7 +26,7 @@ _PALE = 0.65
 
 def _class_maps(
     grid: Grid,
-    panels: Sequence[MapPanel],
+    panels: Sequence[map_figure.MapPanel],
     legends: Sequence[tuple[str, Sequence[Patch]]],
     marks: MapMarks,
     title: str,
@@ -46,26 +36,26 @@ def _class_maps(
     values = [panel.values for panel in panels if panel.values is not None]
     seen = np.where(np.any(np.isfinite(values), axis=0), 1.0, np.nan)
     view = view_of(grid, footprint(grid, seen, all_points(marks.release)))
-    notes = [note, marks.key(), coarse_note(view, "highest class")]
-    sheet, axes = draw_maps(view, panels, marks, title, notes)
+    notes = [note, marks.key(), map_figure.coarse_note(view, "highest class")]
+    sheet, axes = map_figure.draw_maps(view, panels, marks, title, notes)
     if len(panels) == 1:
-        legend_beside(axes[0], legends[0][1])
+        map_figure.legend_beside(axes[0], legends[0][1], legends[0][0])
     else:
         for heading, signs in reversed(legends):
             sheet.legend(signs, heading)
-    return finish(sheet, axes, marks, view)
+    return map_figure.finish(sheet, axes, marks, view)
 
 
 @house_style()
 def intensity_figure(
     grid: Grid, layers: Sequence[RasterLayer], marks: MapMarks, note: str = ""
 ) -> Figure:
-    """Draw maps of the same classes side by side, as the intensities of several return periods.
-
-    The title of each stands over its map; the classes of the first are the legend.
-    """
-    panels = [class_panel(layer.bands[0].values, layer.classes, layer.title) for layer in layers]
-    legend = ("", class_signs(layers[0].classes))
+    """Draw maps of the classes of the first side by side, each below its title."""
+    panels = [
+        map_figure.class_panel(layer.bands[0].values, layer.classes, layer.title)
+        for layer in layers
+    ]
+    legend = ("", map_figure.class_signs(layers[0].classes))
     return _class_maps(grid, panels, [legend], marks, "Intensity by return period", note)
 
 
@@ -75,25 +65,19 @@ def confidence_figure(
 ) -> Figure:
     """Draw the hazard level, with fine black lines over the cells whose level is uncertain."""
     values, classes = level.bands[0].values, level.classes
-    panel = class_panel(values, classes, level.title, over=uncertain, alpha=_PALE)
+    panel = map_figure.class_panel(values, classes, level.title, over=uncertain, alpha=_PALE)
     assert panel.values is not None
     reached = np.isfinite(panel.values)
     share = int((uncertain & reached).sum()) / max(int(reached.sum()), 1)
     text = "Statistically uncertain: {} % of the cells that have a level."
     note = joined(" ", filter(None, (phrase(text, f"{100.0 * share:.1f}"), note)))
-    legend = ("", class_signs(classes, "statistically uncertain"))
+    legend = ("", map_figure.class_signs(classes, "statistically uncertain"))
     title = "Levels that another random seed may change"
     return _class_maps(grid, [panel], [legend], marks, title, note)
 
 
 def level_changes(before: FloatArray, after: FloatArray) -> FloatArray:
-    """Return the change of each cell's class: -1 lower, 0 the same, 1 higher; NaN without any.
-
-    Parameters
-    ----------
-    before, after : same shape
-        Positions among the classes; NaN where there is none, which is below the lowest.
-    """
+    """Return the change of positions among classes (-1, 0, 1); NaN, below all, without any."""
     old, new = np.nan_to_num(before, nan=-1.0), np.nan_to_num(after, nan=-1.0)
     return np.where((old < 0.0) & (new < 0.0), np.nan, np.sign(new - old))
 
@@ -109,12 +93,11 @@ def change_figure(
     title: str = "Hazard level without and with barriers",
     note: str = "",
 ) -> Figure:
-    """Draw the hazard level before and after, and where it became lower or higher.
-
-    Both layers are maps of the same classes; the names stand over them.
-    """
+    """Draw two maps of the same classes, and where the level became lower or higher."""
     classes = before.classes
-    positions = [class_positions(layer.bands[0].values, classes) for layer in (before, after)]
+    positions = [
+        map_figure.class_positions(layer.bands[0].values, classes) for layer in (before, after)
+    ]
     change = level_changes(*positions)
     kinds = tuple(
         RasterClass(number, *LEVEL_CHANGES[code])
@@ -123,11 +106,14 @@ def change_figure(
     area = grid.cell_size**2
     changes = [thousands(np.count_nonzero(change == kind.value) * area) for kind in kinds]
     panels = [
-        class_panel(before.bands[0].values, classes, names[0]),
-        class_panel(after.bands[0].values, classes, names[1]),
-        class_panel(change, kinds, "Change"),
+        map_figure.class_panel(before.bands[0].values, classes, names[0]),
+        map_figure.class_panel(after.bands[0].values, classes, names[1]),
+        map_figure.class_panel(change, kinds, "Change"),
     ]
-    legends = [("Level", class_signs(classes)), ("Change", class_signs(kinds))]
+    legends = [
+        ("Level", map_figure.class_signs(classes)),
+        ("Change", map_figure.class_signs(kinds)),
+    ]
     text = "Lower level: {} m²; same level: {} m²; higher level: {} m²."
     note = joined(" ", filter(None, (phrase(text, *changes), note)))
     return _class_maps(grid, panels, legends, marks, title, note)
@@ -146,16 +132,9 @@ def map_change_figure(
     title: str,
     note: str = "",
 ) -> Figure:
-    """Draw a map before and after, and the difference.
+    """Draw a map before and after, and the difference; NaN where no block comes.
 
-    Parameters
-    ----------
-    before, after, change : shape of the grid
-        NaN where no rock comes.
-    unit : str
-        Empty for shares, which are drawn in per cent.
-    ramp : str
-        Name of a matplotlib colour map for the first two.
+    The unit is empty for shares, which are drawn in per cent; ``ramp`` colours the first two.
     """
     scale = 1.0 if unit else 100.0
     view = view_of(grid, footprint(grid, change, all_points(marks.release)))
@@ -168,16 +147,16 @@ def map_change_figure(
     amounts = (mpl.colormaps[ramp], Normalize(0.0, high))
     changes = (GAP_COLOURS, Normalize(-most, most))
     panels = [
-        MapPanel(scale * values, *colours, name, alpha=0.9, together="mean")
+        map_figure.MapPanel(scale * values, *colours, name, alpha=0.9, together="mean")
         for name, values, colours in (
             ("Before", before, amounts),
             ("After", after, amounts),
             ("After less before", change, changes),
         )
     ]
-    sheet, axes = draw_maps(view, panels, marks, title, [note, marks.key()], columns=3)
+    sheet, axes = map_figure.draw_maps(view, panels, marks, title, [note, marks.key()], columns=3)
     below = {"location": "bottom", "shrink": 0.9}
-    colour_bar(axes[:2], panels[0], unit or "%", extend="max", **below)
+    map_figure.colour_bar(axes[:2], panels[0], unit or "%", extend="max", **below)
     words = phrase("change ({})", phrase(unit or "percentage points"))
-    colour_bar(axes[2:], panels[2], words, extend="both", **below)
-    return finish(sheet, axes, marks, view)
+    map_figure.colour_bar(axes[2:], panels[2], words, extend="both", **below)
+    return map_figure.finish(sheet, axes, marks, view)

@@ -24,31 +24,7 @@ from matplotlib.ticker import FuncFormatter
 from numpy.typing import NDArray
 
 from sassgis.grid import FloatArray, Grid
-from sassgis.report.figures.map_marks import (
-    LAYER_ALPHA,
-    MapMarks,
-    all_points,
-    draw_areas,
-    fill_of,
-)
-from sassgis.report.figures.relief import (
-    MapView,
-    draw_relief,
-    footprint,
-    map_axes,
-    scale_bar,
-    view_of,
-)
-from sassgis.report.figures.style import (
-    GREY,
-    SMALL,
-    TEXT,
-    WIDTH_IN,
-    Sheet,
-    halo,
-    house_style,
-    wrap,
-)
+from sassgis.report.figures import map_marks, relief, style
 from sassgis.settings.labels import thousands
 from sassgis.settings.languages import joined, phrase
 from sassgis.settings.results import Band, RasterClass, RasterLayer
@@ -63,19 +39,13 @@ _FALLING: dict[str, Any] = {"hatch": "\\" * 7, "fc": "none", "lw": 0.0, "hatch_l
 
 
 def shown_values(band: Band) -> FloatArray:
-    """Return values of a band as the map shows them, float64 with NaN where it stays clear.
-
-    As on the map in QGIS: see :func:`sassgis.settings.styles.zero_is_nothing`.
-    """
+    """Return values of a band as QGIS shows them too: float64, NaN where the map stays clear."""
     values = np.asarray(band.values, float)
     return np.where(values == 0.0, np.nan, values) if zero_is_nothing(band.unit) else values
 
 
 def class_numbers(values: FloatArray, breaks: Sequence[float]) -> FloatArray:
-    """Return position of each value among the classes of ``class_limits``; NaN where there is none.
-
-    A limit belongs to the class above it.
-    """
+    """Return positions among ``class_limits``, a limit in the class above it; NaN outside."""
     lower = np.array([low for low, _ in class_limits(breaks)])
     number = np.searchsorted(lower, values, side="right") - 1.0
     return np.where(np.isfinite(values) & (number >= 0.0), number, np.nan)
@@ -100,7 +70,7 @@ class MapPanel:
     title: str = ""
     classes: Sequence[RasterClass] = ()  # in the order of their positions
     over: NDArray[np.bool_] | None = None  # cells with fine black lines over them
-    alpha: float = LAYER_ALPHA
+    alpha: float = map_marks.LAYER_ALPHA
     together: str = "max"  # what a dot for several cells shows: "max" or "mean"
 
 
@@ -109,7 +79,7 @@ def class_panel(
 ) -> MapPanel:
     """Return a map of classes; values that are none stay clear."""
     ordered = sorted(classes, key=lambda entry: entry.value)
-    colours = ListedColormap([fill_of(c) for c in ordered])
+    colours = ListedColormap([map_marks.fill_of(c) for c in ordered])
     norm = BoundaryNorm(np.arange(len(ordered) + 1) - 0.5, len(ordered))
     return MapPanel(class_positions(values, classes), colours, norm, title, ordered, **more)
 
@@ -118,23 +88,22 @@ def class_signs(classes: Sequence[RasterClass], over: str = "") -> list[Patch]:
     """Return signs of a legend, the highest value first; ``over`` is the name of fine lines."""
     signs = []
     for entry in sorted(classes, key=lambda entry: -entry.value):
-        how: dict[str, Any] = {"fc": fill_of(entry), "lw": 0.6, "alpha": LAYER_ALPHA, "ec": GREY}
+        how: dict[str, Any] = {
+            "fc": map_marks.fill_of(entry),
+            "lw": 0.6,
+            "alpha": map_marks.LAYER_ALPHA,
+            "ec": style.GREY,
+        }
         if entry.hatched:
             how |= {"hatch": "////", "ec": entry.colour}
-        signs.append(Patch(label=wrap(entry.label, 1.6), **how))
+        signs.append(Patch(label=style.wrap(entry.label, 1.6), **how))
     if over:
-        signs.append(Patch(label=wrap(over, 1.6), **_FALLING))
+        signs.append(Patch(label=style.wrap(over, 1.6), **_FALLING))
     return signs
 
 
-# --- drawing ---------------------------------------------------------------------------------
-
-
 def columns_of(panels: int, aspect: float, width_in: float, height_in: float) -> int:
-    """Return number of columns that makes equal panels largest; the fewest of those equally good.
-
-    The aspect is height by width of a panel; width and height are the room for all.
-    """
+    """Return the number of columns that makes equal panels largest in the room for all (in)."""
 
     def width(columns: int) -> float:
         rows = -(-panels // columns)
@@ -144,58 +113,66 @@ def columns_of(panels: int, aspect: float, width_in: float, height_in: float) ->
 
 
 def draw_maps(
-    view: MapView,
+    view: relief.MapView,
     panels: Sequence[MapPanel],
-    marks: MapMarks,
+    marks: map_marks.MapMarks,
     title: str,
     notes: Sequence[str],
     *,
     columns: int = 0,
     taken: NDArray[np.bool_] | None = None,
     more: Callable[[Axes], None] | None = None,
-) -> tuple[Sheet, list[Axes]]:
+) -> tuple[style.Sheet, list[Axes]]:
     """Draw maps of one extent side by side; ``more`` draws what is neither value nor mark.
 
     Maps have as many columns as make them largest. ``taken`` says, in a raster over the view,
     where something is drawn if it is not where the panels have values.
     """
     n = len(panels)
-    columns = columns or columns_of(n, view.aspect, WIDTH_IN - 0.8, _MAX_HEIGHT_IN)
+    columns = columns or columns_of(n, view.aspect, style.WIDTH_IN - 0.8, _MAX_HEIGHT_IN)
     rows = -(-n // columns)
-    sheet = Sheet(title, joined("\n", filter(None, notes)), _MAX_HEIGHT_IN + 0.6, compressed=True)
+    sheet = style.Sheet(
+        title, joined("\n", filter(None, notes)), _MAX_HEIGHT_IN + 0.6, compressed=True
+    )
     grid = sheet.figure.subplots(rows, columns, sharex=True, sharey=True, squeeze=False)
     axes: list[Axes] = list(grid.flat[:n])
     for ax in grid.flat[n:]:
         ax.remove()
     for number, (ax, panel) in enumerate(zip(axes, panels, strict=True)):
         ax.set_label("map")
-        draw_relief(ax, view)
+        relief.draw_relief(ax, view)
         _draw_values(ax, panel, view)
         if more is not None:
             more(ax)
         marks.draw(ax, view.box)
-        map_axes(ax, view.box, {1: 5, 2: 3}.get(columns, 2))
+        relief.map_axes(ax, view.box, {1: 5, 2: 3}.get(columns, 2))
         # Coordinates only left of the first column and below the last map of each.
         ax.tick_params(labelleft=not number % columns, labelbottom=number + columns >= n)
         if number % columns:
             ax.set_ylabel("")
         if number + columns < n:
             ax.set_xlabel("")
-        ax.set_title(panel.title, size=TEXT, pad=3.0)
+        ax.set_title(panel.title, size=style.TEXT, pad=3.0)
     if taken is None:
         known = [np.isfinite(view.cut(p.values)) for p in panels if p.values is not None]
         taken = np.any(known, axis=0) if known else np.zeros((1, 1), bool)
-    scale_bar(axes[0], view.box, taken)
+    relief.scale_bar(axes[0], view.box, taken)
     return sheet, axes
 
 
-def finish(sheet: Sheet, axes: Sequence[Axes], marks: MapMarks, view: MapView) -> Figure:
+def finish(
+    sheet: style.Sheet, axes: Sequence[Axes], marks: map_marks.MapMarks, view: relief.MapView
+) -> Figure:
     """Make the figure as high as its maps, whose legends are drawn, and write the names."""
     sheet.figure.draw_without_rendering()
     dpi = sheet.figure.dpi
     # Labels and signs beyond the edges of the maps.
     rows = {round(ax.get_window_extent().y0): ax for ax in axes}
-    heights = [_with_labels(ax) for ax in rows.values()]
+    bars = [ax for ax in sheet.figure.axes if ax.get_label() == "legend"]
+    heights = []
+    for ax in rows.values():
+        top, *below = filter(None, (own.get_tightbbox() for own in (ax, *bars)))
+        heights.append(float(top.y1 - min(box.y0 for box in (top, *below))))
     sheet.set_height((sum(heights) + 8.0 * len(heights)) / dpi)
     sheet.figure.draw_without_rendering()
     for ax in axes:
@@ -204,13 +181,7 @@ def finish(sheet: Sheet, axes: Sequence[Axes], marks: MapMarks, view: MapView) -
     return sheet.figure
 
 
-def _with_labels(ax: Axes) -> float:
-    bars = [other for other in ax.figure.axes if other.get_label() == "legend"]
-    boxes = [box for own in (ax, *bars) if (box := own.get_tightbbox()) is not None]
-    return float(max(box.y1 for box in boxes[:1]) - min(box.y0 for box in boxes))
-
-
-def _draw_values(ax: Axes, panel: MapPanel, view: MapView) -> None:
+def _draw_values(ax: Axes, panel: MapPanel, view: relief.MapView) -> None:
     if panel.values is None:
         return
     values, (west, south, east, north) = view.coarse(view.cut(panel.values), panel.together)
@@ -221,19 +192,18 @@ def _draw_values(ax: Axes, panel: MapPanel, view: MapView) -> None:
     )  # fmt: skip
     cell = (east - west) / values.shape[1]
     place = Affine(cell, 0.0, west, 0.0, -cell, north)
+
+    def outline(cells: NDArray[np.bool_], **how: Any) -> None:
+        found = rasterio.features.shapes(cells.astype(np.uint8), mask=cells, transform=place)
+        map_marks.draw_areas(ax, [shapely.geometry.shape(part) for part, _ in found], **how)
+
     for k, entry in enumerate(panel.classes):
         if entry.hatched:
             how: dict[str, Any] = {"hatch": "////", "fc": "none", "ec": entry.colour, "lw": 0.0}
-            draw_areas(ax, areas_of(values == k, place), alpha=panel.alpha, gid="stripes", **how)
+            outline(values == k, alpha=panel.alpha, gid="stripes", **how)
     if panel.over is not None:
         over, _ = view.coarse(view.cut(panel.over.astype(float)), "max")
-        draw_areas(ax, areas_of(over > 0.0, place), gid="uncertain", **_FALLING)
-
-
-def areas_of(cells: NDArray[np.bool_], place: Affine) -> list[shapely.Geometry]:
-    """Return the outlines of the cells that are true."""
-    found = rasterio.features.shapes(cells.astype(np.uint8), mask=cells, transform=place)
-    return [shapely.geometry.shape(outline) for outline, _ in found]
+        outline(over > 0.0, gid="uncertain", **_FALLING)
 
 
 def colour_bar(axes: Sequence[Axes], panel: MapPanel, words: str, **how: Any) -> None:
@@ -246,12 +216,9 @@ def colour_bar(axes: Sequence[Axes], panel: MapPanel, words: str, **how: Any) ->
     bar = figure.colorbar(colours, ax=list(axes), **look)
     bar.outline.set_linewidth(0.5)
     bar.ax.set_label("legend")
-    bar.ax.tick_params(labelsize=SMALL)
+    bar.ax.tick_params(labelsize=style.SMALL)
     bar.ax.grid(False)
-    bar.set_label(words, size=SMALL)
-
-
-# --- a layer ---------------------------------------------------------------------------------
+    bar.set_label(words, size=style.SMALL)
 
 
 def _value_label(value: float, _: object = None) -> str:
@@ -262,10 +229,7 @@ def _value_label(value: float, _: object = None) -> str:
 
 
 def _layer_panel(layer: RasterLayer) -> tuple[MapPanel, FloatArray]:
-    """Return a layer in its classes, those of its breaks, or as a ramp.
-
-    The second value is the values that it shows.
-    """
+    """Return a layer in its classes, those of its breaks, or as a ramp; and what it shows."""
     values = shown_values(layer.bands[0])
     if layer.classes:
         panel = class_panel(layer.bands[0].values, layer.classes)
@@ -285,7 +249,7 @@ def _layer_panel(layer: RasterLayer) -> tuple[MapPanel, FloatArray]:
     return MapPanel(values, mpl.colormaps[layer.ramp or "viridis"], norm), values
 
 
-def coarse_note(view: MapView, what: str) -> str:
+def coarse_note(view: relief.MapView, what: str) -> str:
     """Say what a dot of a large map shows; nothing where each cell has its own."""
     if view.factor == 1:
         return ""
@@ -293,27 +257,30 @@ def coarse_note(view: MapView, what: str) -> str:
     return phrase("One dot stands for {} × {} cells and shows the {} of them.", n, n, phrase(what))
 
 
-def legend_beside(ax: Axes, signs: Sequence[Patch], heading: str = "") -> None:
+def legend_beside(ax: Axes, signs: Sequence[Patch], heading: str) -> None:
     """Draw the signs of classes right of a map."""
     ax.legend(
         handles=signs, loc="upper left", bbox_to_anchor=(1.0, 1.0), borderaxespad=0.6,
-        title=heading or None, title_fontsize=SMALL, alignment="left", handlelength=2.4,
+        title=heading or None, title_fontsize=style.SMALL, alignment="left", handlelength=2.4,
         handleheight=1.4, labelspacing=0.7,
     )  # fmt: skip
 
 
-@house_style()
+@style.house_style()
 def map_figure(
-    grid: Grid, layer: RasterLayer, marks: MapMarks | None = None, *, note: str | None = None
+    grid: Grid,
+    layer: RasterLayer,
+    marks: map_marks.MapMarks | None = None,
+    *,
+    note: str | None = None,
 ) -> Figure:
-    """Draw the first band of a layer: in its classes, those of its breaks, or as a ramp.
-
-    The layer lies on the cells of the terrain; below the map stands its note or another.
-    """
-    marks = marks or MapMarks()
+    """Draw the first band of a layer over the relief, with its note or another below."""
+    marks = marks or map_marks.MapMarks()
     panel, values = _layer_panel(layer)
     corners = [shapely.get_coordinates(shapely.box(*p.bounds)) for p, _ in marks.zones]
-    view = view_of(grid, footprint(grid, values, all_points([*marks.release, *corners])))
+    view = relief.view_of(
+        grid, relief.footprint(grid, values, map_marks.all_points([*marks.release, *corners]))
+    )
     kind = "highest class" if layer.classes else "largest value"
     notes = [
         layer.note if note is None else note, marks.left_out(),
@@ -326,7 +293,7 @@ def map_figure(
     if not known.any():
         ax.text(
             0.5, 0.5, "no values here", transform=ax.transAxes, ha="center", va="center",
-            size=TEXT, path_effects=halo(), zorder=23,
+            size=style.TEXT, path_effects=style.halo(), zorder=23,
         )  # fmt: skip
     unit = layer.bands[0].unit
     unit = "" if layer.classes or unit in _UNITLESS else unit

@@ -83,7 +83,11 @@ class MapMarks:
 
     def write_names(self, ax: Axes, box: Extent, points_per_metre: float) -> None:
         """Write the names of what is drawn, at the scale at which it is drawn."""
-        names = [*self.names, *control_line_names(self.control_lines, box)]
+        names = list(self.names)
+        for name, kind, xy in self.control_lines:
+            seen = shapely.get_coordinates(shapely.clip_by_rect(shapely.linestrings(xy), *box))
+            if seen.size:
+                names.append(line_name(name, seen, color=_CONTROL_LINE_LINE[kind][0]))
         if len(self.objects) <= MAX_OBJECT_NAMES:
             names += object_names(self.objects, box)
         _write_names(ax, names, box, points_per_metre)
@@ -200,10 +204,7 @@ def object_names(objects: Sequence[MapObject], box: Extent) -> list[MapName]:
 
 
 def _write_names(ax: Axes, names: Sequence[MapName], box: Extent, points_per_metre: float) -> None:
-    """Write names next to their places where they do not overlap those before them.
-
-    One for which there is no room on either side, above or below is left out, unless it is needed.
-    """
+    """Write names where they overlap no earlier one; without room only if they are needed."""
     taken: list[Extent] = []
     width, height = ((box[k + 2] - box[k]) * points_per_metre for k in (0, 1))
     for name in names:
@@ -214,20 +215,19 @@ def _write_names(ax: Axes, names: Sequence[MapName], box: Extent, points_per_met
         left = (x - gap - wide, y - high / 2.0), (-gap, 0.0), "right", "center"
         above = (x - wide / 2.0, y + gap), (0.0, gap), "center", "bottom"
         below = (x - wide / 2.0, y - gap - high), (0.0, -gap), "center", "top"
-        # Towards the middle of the map.
         sides = [right, left] if x <= width / 2.0 else [left, right]
         rooms = {(*s[0], s[0][0] + wide, s[0][1] + high): s[1:] for s in (*sides, above, below)}
         within = [r for r in rooms if min(r) >= 0.0 and r[2] <= width and r[3] <= height]
-        free = [r for r in within if not any(_overlap(r, other) for other in taken)]
+        free = [
+            (x0, y0, x1, y1)
+            for x0, y0, x1, y1 in within
+            if not any(x0 < t[2] and t[0] < x1 and y0 < t[3] and t[1] < y1 for t in taken)
+        ]
         for room in (free or (within or [*rooms]) * name.needed)[:1]:
             offset, ha, va = rooms[room]
             look = {"path_effects": halo(), "clip_on": True, "annotation_clip": True, **name.look}
             beside(ax, named(name.text), name.at, offset, ha=ha, va=va, **look)
             taken.append(room)
-
-
-def _overlap(one: Extent, other: Extent) -> bool:
-    return one[0] < other[2] and other[0] < one[2] and one[1] < other[3] and other[1] < one[3]
 
 
 def draw_lines(
@@ -245,16 +245,6 @@ def draw_control_lines(ax: Axes, control_lines: Sequence[MapControlLine]) -> Non
         colour, dashes, width = _CONTROL_LINE_LINE[kind]
         ax.plot(*xy.T, "-", color="white", lw=width + 1.6, zorder=8)
         ax.plot(*xy.T, ls=dashes, color=colour, lw=width, zorder=9, gid=f"control_line-{name}")
-
-
-def control_line_names(control_lines: Sequence[MapControlLine], box: Extent) -> list[MapName]:
-    """Return the names of stations, walls and nets that are seen."""
-    names = []
-    for name, kind, xy in control_lines:
-        seen = shapely.get_coordinates(shapely.clip_by_rect(shapely.linestrings(xy), *box))
-        if seen.size:
-            names.append(line_name(name, seen, color=_CONTROL_LINE_LINE[kind][0]))
-    return names
 
 
 def line_name(name: str, xy: FloatArray, **look: Any) -> MapName:

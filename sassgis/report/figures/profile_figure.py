@@ -15,28 +15,8 @@ from matplotlib.patches import Patch, Polygon
 from matplotlib.ticker import MultipleLocator
 
 from sassgis.grid import FloatArray, IntArray
-from sassgis.report.figures.map_marks import even_choice
-from sassgis.report.figures.style import (
-    BLUE,
-    GREY,
-    GROUND_COLOURS,
-    INK,
-    SKY,
-    TITLE,
-    VERMILION,
-    WIDTH_IN,
-    YELLOW,
-    Sheet,
-    beside,
-    halo,
-    house_style,
-    lines_in,
-    round_step,
-    spread,
-    text_width_pt,
-    thousands_formatter,
-    wrap,
-)
+from sassgis.report.figures import style
+from sassgis.report.figures.map_marks import draw_points, even_choice
 from sassgis.settings.labels import thousands
 from sassgis.settings.languages import joined, phrase
 from sassgis.settings.results import ControlLine
@@ -88,10 +68,7 @@ class ProfilePanel:
         return joined("; ", parts)
 
     def bands(self) -> tuple[FloatArray, FloatArray]:
-        """Return chainages (m), and heights (m) below which 5, 25, 75 and 95 % of the paths lie.
-
-        Of shape (n,) and (4, n); NaN where fewer than ``_ENOUGH`` paths come.
-        """
+        """Return chainages (n,) and the 5, 25, 75 and 95 % heights (4, n) of the paths (m)."""
         s = np.linspace(self.s[0], self.s[-1], 400)
         rows = [np.interp(s, *path, np.nan, np.nan) for path in self.trajectories if len(path[0])]
         z = np.array(rows)
@@ -137,7 +114,7 @@ def _frame(panels: Sequence[ProfilePanel], max_height_in: float) -> _Frame:
     s0, s1 = float(s.min()), float(s.max())
     z0, z1 = float(np.nanmin(heights)), float(np.nanmax(heights))
     span, drop = s1 - s0, max(z1 - z0, 0.05 * (s1 - s0))
-    width = WIDTH_IN - 0.75
+    width = style.WIDTH_IN - 0.75
     while True:
         metres = span * 1.04 / width
         # Room in points: under the slope for strip and class names, over it for station names.
@@ -166,7 +143,7 @@ def _draw_ground(ax: Axes, panel: ProfilePanel, frame: _Frame) -> None:
             (strip,) = ax.plot(
                 s[a : b + 1],
                 z[a : b + 1],
-                color=GROUND_COLOURS[number % len(GROUND_COLOURS)],
+                color=style.GROUND_COLOURS[number % len(style.GROUND_COLOURS)],
                 lw=2.0 * _STRIP_PT,
                 solid_capstyle=ends,
                 solid_joinstyle="round",
@@ -174,34 +151,36 @@ def _draw_ground(ax: Axes, panel: ProfilePanel, frame: _Frame) -> None:
                 gid=f"ground-{number}" if ends == "butt" else None,
             )
             strip.set_clip_path(under)
-    ax.plot(s, z, color=INK, lw=1.1, zorder=4, gid="slope", solid_joinstyle="round")
+    ax.plot(s, z, color=style.INK, lw=1.1, zorder=4, gid="slope", solid_joinstyle="round")
 
 
 def _draw_control_lines(ax: Axes, panel: ProfilePanel, frame: _Frame) -> None:
     """Draw stations over the full height, walls and nets at their true height."""
     stations = [(line, s, z) for line, s, z in panel.control_lines if line.kind == "station"]
-    room = np.array([text_width_pt(line.name) * frame.pt for line, _, _ in stations])
+    room = np.array([style.text_width_pt(line.name) * frame.pt for line, _, _ in stations])
     top = frame.z1 - 13.0 * frame.pt
     bold: dict[str, Any] = {"weight": "bold", "va": "bottom", "zorder": 9}
-    placed = spread([s for _, s, _ in stations], room)
+    placed = style.spread([s for _, s, _ in stations], room)
     for (line, s, z), label in zip(stations, placed, strict=True):
         ax.plot(
-            [s, s], [z, top], color=BLUE, lw=0.8, ls=(0, (4, 2)), zorder=3,
+            [s, s], [z, top], color=style.BLUE, lw=0.8, ls=(0, (4, 2)), zorder=3,
             gid=f"control_line-{line.name}",
         )  # fmt: skip
         offset = (float((label - s) / frame.pt), 2.0)
-        beside(ax, line.name, (float(s), top), offset, color=BLUE, ha="center", **bold)
+        style.beside(ax, line.name, (float(s), top), offset, color=style.BLUE, ha="center", **bold)
     for line, s, z in panel.control_lines:
         if line.kind == "station":
             continue
         dashes = "-" if line.kind == "wall" else (0, (0.6, 0.35))
         ax.plot(
-            [s, s], [z, z + line.height_m], color=VERMILION, lw=2.4, ls=dashes, zorder=8,
+            [s, s], [z, z + line.height_m], color=style.VERMILION, lw=2.4, ls=dashes, zorder=8,
             solid_capstyle="butt", dash_capstyle="butt", gid=f"control_line-{line.name}",
         )  # fmt: skip
         words = line.described
         at = (float(s), float(z + line.height_m))
-        beside(ax, words, at, (3.0, 3.0), color=VERMILION, path_effects=halo(1.8), **bold)
+        style.beside(
+            ax, words, at, (3.0, 3.0), color=style.VERMILION, path_effects=style.halo(1.8), **bold
+        )
 
 
 def _draw_panel(ax: Axes, panel: ProfilePanel, frame: _Frame) -> None:
@@ -209,48 +188,54 @@ def _draw_panel(ax: Axes, panel: ProfilePanel, frame: _Frame) -> None:
     paths = [np.column_stack(path) for path in panel.trajectories if len(path[0])]
     if len(paths) > MAX_PATHS:
         s, (low, lower, upper, high) = panel.bands()
-        ax.fill_between(s, low, high, color=SKY, alpha=0.3, lw=0, zorder=4.5, gid="band")
-        ax.fill_between(s, lower, upper, color=SKY, alpha=0.6, lw=0, zorder=4.6, gid="band")
+        ax.fill_between(s, low, high, color=style.SKY, alpha=0.3, lw=0, zorder=4.5, gid="band")
+        ax.fill_between(s, lower, upper, color=style.SKY, alpha=0.6, lw=0, zorder=4.6, gid="band")
         paths = [paths[i] for i in even_choice(len(paths), MAX_PATHS)]
     ax.add_collection(
-        LineCollection(paths, colors=INK, linewidths=0.35, alpha=0.6, zorder=5, gid="trajectories"),
+        LineCollection(
+            paths, colors=style.INK, linewidths=0.35, alpha=0.6, zorder=5, gid="trajectories"
+        ),
         autolim=False,
     )
     stops = panel.known_stops()
     if stops.size:
-        ax.plot(
-            stops, np.interp(stops, panel.s, panel.z), "o", ms=3.4, mfc=YELLOW, mec=INK, mew=0.4,
-            zorder=7, gid="stops",
-        )  # fmt: skip
+        dots = np.column_stack([stops, np.interp(stops, panel.s, panel.z)])
+        draw_points(ax, dots, "o", 3.4, style.YELLOW, style.INK, 0.4, zorder=7, gid="stops")
     _draw_control_lines(ax, panel, frame)
     ax.set(xlim=(frame.s0, frame.s1), ylim=(frame.z0, frame.z1), aspect="equal")
     ax.set_ylabel("height (m)")
-    across = round_step(frame.s1 - frame.s0, max(3, round(1.4 * frame.inches[0])))
-    upward = round_step(frame.z1 - frame.z0, max(3, round(1.6 * frame.inches[1])))
+    across = style.round_step(frame.s1 - frame.s0, max(3, round(1.4 * frame.inches[0])))
+    upward = style.round_step(frame.z1 - frame.z0, max(3, round(1.6 * frame.inches[1])))
     for axis, step in ((ax.xaxis, across), (ax.yaxis, upward)):
         axis.set_major_locator(MultipleLocator(step))
-        axis.set_major_formatter(thousands_formatter())
+        axis.set_major_formatter(style.thousands_formatter())
 
 
-@house_style()
+@style.house_style()
 def profile_figure(panels: Sequence[ProfilePanel]) -> Figure:
     """Stack profiles at one scale on one page, such as a slope before and after measures."""
     # One A4 page holds all panels with their headings, gaps and the foot.
     frame = _frame(panels, max((9.3 - 0.75) / len(panels) - 0.8, 1.4))
     height = len(panels) * (frame.inches[1] + 0.5) + 0.3
-    sheet = Sheet("", "", height)
+    sheet = style.Sheet("", "", height)
     axes = sheet.figure.subplots(len(panels), 1, sharex=True, squeeze=False)[:, 0]
     grounds: dict[str, str] = {}
     for i, (ax, panel) in enumerate(zip(axes, panels, strict=True)):
         _draw_panel(ax, panel, frame)
         letter = f"{'abcdefghij'[i % 10]}  " if len(panels) > 1 else ""
-        caption = wrap(panel.caption(), frame.inches[0])
-        pad = 5.0 + 9.0 * lines_in(caption)
-        ax.set_title(wrap(f"{letter}{panel.title}", frame.inches[0], TITLE), size=TITLE, pad=pad)
-        beside(ax, caption, (0.0, 1.0), (0.0, 3.0), xycoords="axes fraction", color=GREY)
+        caption = style.wrap(panel.caption(), frame.inches[0])
+        pad = 5.0 + 9.0 * style.lines_in(caption)
+        ax.set_title(
+            style.wrap(f"{letter}{panel.title}", frame.inches[0], style.TITLE),
+            size=style.TITLE,
+            pad=pad,
+        )
+        style.beside(
+            ax, caption, (0.0, 1.0), (0.0, 3.0), xycoords="axes fraction", color=style.GREY
+        )
         for k in dict.fromkeys(run[0] for run in panel.ground_runs()):
             name = dict(enumerate(panel.ground_names)).get(k, phrase("class {}", k))
-            grounds[name] = GROUND_COLOURS[k % len(GROUND_COLOURS)]
+            grounds[name] = style.GROUND_COLOURS[k % len(style.GROUND_COLOURS)]
     axes[-1].set_xlabel("chainage (m)")
     if grounds:
         sheet.legend([Patch(fc=colour, label=name) for name, colour in grounds.items()])

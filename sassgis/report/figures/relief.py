@@ -6,11 +6,12 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
+import xarray as xr
 from matplotlib.axes import Axes
 from matplotlib.font_manager import FontProperties
 from matplotlib.offsetbox import AnchoredOffsetbox, AuxTransformBox, HPacker, TextArea, VPacker
 from matplotlib.patches import Rectangle
-from matplotlib.ticker import FuncFormatter, MultipleLocator
+from matplotlib.ticker import MultipleLocator
 from numpy.typing import NDArray
 
 from sassgis.grid import FloatArray, Grid
@@ -26,12 +27,10 @@ MAX_CELLS = 900
 
 
 def footprint(grid: Grid, values: FloatArray | None, others: FloatArray) -> Extent:
-    """Return the extent of what is shown, with a margin, cut to the grid.
+    """Return the extent of what is shown, with a margin, cut to the grid; all of it without any.
 
-    It is the whole grid where nothing is shown.
-
-    Shown are cells of ``values`` that are not NaN, and those of the ``others``, coordinates of
-    shape (n, 2), that lie within the grid.
+    Shown are cells of ``values`` that are not NaN, and the ``others`` (n, 2) that lie within the
+    grid.
     """
     west, south, east, north = grid.bounds
     x, y = others[:, 0], others[:, 1]
@@ -52,12 +51,9 @@ def footprint(grid: Grid, values: FloatArray | None, others: FloatArray) -> Exte
         if lack > 0.0:
             box[low] -= lack / 2.0
             box[high] += lack / 2.0
-    return (
-        float(max(box[0], west)),
-        float(max(box[1], south)),
-        float(min(box[2], east)),
-        float(min(box[3], north)),
-    )
+    x0, y0 = np.maximum(box[:2], (west, south)).tolist()
+    x1, y1 = np.minimum(box[2:], (east, north)).tolist()
+    return x0, y0, x1, y1
 
 
 @dataclass(frozen=True, slots=True)
@@ -96,16 +92,11 @@ class MapView:
         return np.asarray(found > 0)
 
     def coarse(self, values: FloatArray, how: str) -> tuple[FloatArray, Extent]:
-        """Return values of the part as they are drawn, and their extent.
-
-        It may reach beyond the part.
-        """
+        """Return values of the part as drawn, and their extent, which may reach beyond it."""
         drawn = coarsen(values, self.factor, how)
         step = self.grid.cell_size * self.factor
         west, north = self.grid.west, self.grid.north
-        return drawn, (
-            west, north - drawn.shape[0] * step, west + drawn.shape[1] * step, north,
-        )  # fmt: skip
+        return drawn, (west, north - len(drawn) * step, west + drawn.shape[1] * step, north)
 
 
 def view_of(grid: Grid, box: Extent) -> MapView:
@@ -121,24 +112,12 @@ def view_of(grid: Grid, box: Extent) -> MapView:
 
 
 def coarsen(values: FloatArray, factor: int, how: str) -> FloatArray:
-    """Bring blocks of ``factor`` by ``factor`` cells together by their "mean" or "max".
-
-    NaN cells are left out; a block without any value is NaN. Blocks may reach beyond the edge.
-    """
-    values = np.asarray(values, float)
+    """Bring blocks of cells together by their "mean" or "max"; NaN only where all cells are."""
     if factor <= 1:
-        return values
-    rows = -(-values.shape[0] // factor)
-    cols = -(-values.shape[1] // factor)
-    padded = np.full((rows * factor, cols * factor), np.nan)
-    padded[: values.shape[0], : values.shape[1]] = values
-    blocks = padded.reshape(rows, factor, cols, factor).swapaxes(1, 2).reshape(rows, cols, -1)
-    if how == "max":
-        return np.asarray(np.fmax.reduce(blocks, -1))
-    # A block without any value is what nodata is.
-    known = ~np.isnan(blocks)
-    number, total = known.sum(-1), np.where(known, blocks, 0.0).sum(-1)
-    return np.asarray(np.where(number > 0, total / np.maximum(number, 1), np.nan))
+        return np.asarray(values, float)
+    blocks = xr.DataArray(np.asarray(values, float), dims=("y", "x"))
+    coarser = blocks.coarsen(y=factor, x=factor, boundary="pad")
+    return np.asarray(coarser.max() if how == "max" else coarser.mean())
 
 
 def _slope(z: FloatArray, axis: int, cell_size: float) -> FloatArray:
@@ -162,19 +141,16 @@ def hillshade(grid: Grid) -> FloatArray:
     z = np.asarray(grid.values, float)
     if min(z.shape) < 2:
         return np.where(np.isfinite(z), 0.7, np.nan)
-    east = _slope(z, 1, grid.cell_size)
-    north = -_slope(z, 0, grid.cell_size)
+    east, north = _slope(z, 1, grid.cell_size), -_slope(z, 0, grid.cell_size)
     steepness = np.arctan(np.hypot(east, north))
     aspect = np.arctan2(-east, -north)
     altitude = np.radians(45.0)
-    total = np.zeros_like(z)
-    weights = np.zeros_like(z)
+    total, weights = np.zeros_like(z), np.zeros_like(z)
     for azimuth in np.radians([225.0, 270.0, 315.0, 360.0]):
         # The small constant keeps flat ground, which has no side, evenly lit.
         weight = np.sin(aspect - azimuth) ** 2 + 1e-3
-        light = np.sin(altitude) * np.cos(steepness) + np.cos(altitude) * np.sin(
-            steepness
-        ) * np.cos(aspect - azimuth)
+        light = np.sin(altitude) * np.cos(steepness)
+        light += np.cos(altitude) * np.sin(steepness) * np.cos(aspect - azimuth)
         total += weight * np.clip(light, 0.0, 1.0)
         weights += weight
     return np.where(np.isfinite(z), total / weights, np.nan)
@@ -197,10 +173,7 @@ def draw_relief(ax: Axes, view: MapView) -> None:
 
 
 def map_axes(ax: Axes, extent: Extent, parts: int = 5) -> None:
-    """Set limits, ticks and labels of a map; coordinates in m, in km where the map is large.
-
-    ``parts`` is about the number of ticks along the longer side.
-    """
+    """Set limits, about ``parts`` ticks on the longer side, and labels of a map in m or km."""
     west, south, east, north = extent
     ax.set(xlim=(west, east), ylim=(south, north), aspect="equal")
     ax.grid(False)
@@ -212,13 +185,11 @@ def map_axes(ax: Axes, extent: Extent, parts: int = 5) -> None:
     for axis, begin, end in ((ax.xaxis, west, east), (ax.yaxis, south, north)):
         low, high = begin + 0.05 * (end - begin), end - 0.05 * (end - begin)
         axis.set_major_locator(MultipleLocator(step))
-        axis.set_major_formatter(
-            FuncFormatter(
-                lambda value, _, low=low, high=high: (
-                    thousands(value / scale, decimals) if low <= value <= high else ""
-                )
-            )
-        )
+
+        def shown(value: float, _: object, low: float = low, high: float = high) -> str:
+            return thousands(value / scale, decimals) if low <= value <= high else ""
+
+        axis.set_major_formatter(shown)
     unit = "km" if in_km else "m"
     ax.set_xlabel(phrase("{} ({})", phrase("east"), unit), size=SMALL)
     ax.set_ylabel(phrase("{} ({})", phrase("north"), unit), size=SMALL)
@@ -228,12 +199,11 @@ def map_axes(ax: Axes, extent: Extent, parts: int = 5) -> None:
 
 
 def emptiest_corner(occupied: NDArray[np.bool_], width: float, height: float) -> tuple[bool, bool]:
-    """Return the corner (right, top) of a raster in which a box hides least of what is occupied.
-
-    Width and height of the box are shares of the raster; row 0 lies in the north.
-    """
-    rows = max(1, int(np.ceil(occupied.shape[0] * min(1.0, height))))
-    cols = max(1, int(np.ceil(occupied.shape[1] * min(1.0, width))))
+    """Return the corner (right, top) of a raster in which a box (as shares) hides least."""
+    shares = (min(1.0, height), min(1.0, width))
+    rows, cols = (
+        max(1, int(np.ceil(n * share))) for n, share in zip(occupied.shape, shares, strict=True)
+    )
 
     def hidden(corner: tuple[bool, bool]) -> int:
         right, top = corner
@@ -245,10 +215,7 @@ def emptiest_corner(occupied: NDArray[np.bool_], width: float, height: float) ->
 
 
 def scale_bar(ax: Axes, box: Extent, taken: NDArray[np.bool_]) -> None:
-    """Draw a scale bar and a north arrow in the corner of a map that hides least.
-
-    ``taken`` says, in a raster over the box, where something is drawn.
-    """
+    """Draw scale bar and north arrow in the corner that hides least of what is ``taken``."""
     width = box[2] - box[0]
     power = 10.0 ** np.floor(np.log10(0.25 * width))
     metres = max(m * power for m in (1.0, 2.0, 5.0) if m * power <= 0.25 * width)

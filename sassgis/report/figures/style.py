@@ -83,21 +83,16 @@ def house_style() -> Iterator[None]:
         yield
 
 
-def new_figure(
-    width_in: float, height_in: float, *, constrained: bool = True, compressed: bool = False
-) -> Figure:
+def new_figure(width_in: float, height_in: float, *, compressed: bool = False) -> Figure:
     """Make a figure that belongs to nobody but the caller (no pyplot)."""
-    layout: Any = "compressed" if compressed else "constrained" if constrained else None
+    layout: Any = "compressed" if compressed else "constrained"
     figure = Figure(figsize=(width_in, height_in), layout=layout)
     FigureCanvasAgg(figure)
     return figure
 
 
 class Sheet:
-    """A figure that lays itself out, below its title and over its signs and its note.
-
-    The height is that of all between them (in).
-    """
+    """A figure that lays itself out, so high (in) between its title and its legends and note."""
 
     def __init__(
         self, title: str, note: str, height_in: float, *, compressed: bool = False
@@ -105,10 +100,9 @@ class Sheet:
         words, below = wrap(title, WIDTH_IN - 0.2, TITLE), wrap(note, WIDTH_IN - 0.2)
         self._head_in = 0.18 * lines_in(words) + 0.1
         self._foot_in = _LINE_IN * lines_in(below) + 0.12
-        self._height_in = height_in
         self.figure = new_figure(WIDTH_IN, height_in, compressed=compressed)
         if words:
-            head(self.figure, words)
+            self.figure.suptitle(words, x=0.015, ha="left", size=TITLE, weight="bold", gid="title")
         inches = self.figure.dpi_scale_trans
         self.figure.text(
             0.1, 0.07, below, transform=inches, size=SMALL, color=GREY, va="bottom", gid="note"
@@ -138,12 +132,6 @@ class Sheet:
         legend.set_in_layout(False)
         self._foot_in += 0.165 * (-(-len(signs) // columns) + bool(heading)) + 0.08
         self.set_height(self._height_in)
-
-
-def head(figure: Figure, title: str) -> None:
-    """Write the title of a figure that lays itself out."""
-    words = wrap(title, WIDTH_IN - 0.2, TITLE)
-    figure.suptitle(words, x=0.015, ha="left", size=TITLE, weight="bold", gid="title")
 
 
 def halo(width: float = 2.0) -> list[AbstractPathEffect]:
@@ -234,15 +222,7 @@ def nothing_to_show(ax: Axes, text: str = "no data", *, keep_x: bool = False) ->
 
 
 def spread(positions: Sequence[float] | FloatArray, widths: float | FloatArray) -> FloatArray:
-    """Shift labels along one axis, as little as possible, so that they do not overlap.
-
-    Parameters
-    ----------
-    positions : float, shape (n,)
-        Where the middles of the labels want to stand; their order along the axis is kept.
-    widths : float or float, shape (n,)
-        Room that each label takes, same unit.
-    """
+    """Shift labels of some width along an axis, as little as possible, so that none overlap."""
     wanted = np.asarray(positions, float)
     if not wanted.size:
         return wanted

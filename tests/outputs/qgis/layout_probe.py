@@ -63,11 +63,7 @@ def text_size(item, width_mm):
 
 def describe(item):
     rect = item.mapRectToScene(item.rect())
-    facts = {
-        "id": item.id(),
-        "kind": type(item).__name__,
-        "box": [rect.x(), rect.y(), rect.width(), rect.height()],
-    }
+    facts = {"id": item.id(), "box": [rect.x(), rect.y(), rect.width(), rect.height()]}
     if isinstance(item, QgsLayoutItemLabel):
         facts["text"] = item.currentText()
         facts["needs"] = text_size(item, rect.width())
@@ -81,8 +77,8 @@ def describe(item):
     elif isinstance(item, QgsLayoutItemLegend):
         renderer = QgsLegendRenderer(item.model(), item.legendSettings())
         image = QImage(10, 10, QImage.Format_ARGB32)
-        image.setDotsPerMeterX(12000)
-        image.setDotsPerMeterY(12000)
+        for set_dots in (image.setDotsPerMeterX, image.setDotsPerMeterY):
+            set_dots(12000)
         painter = QPainter(image)
         context = QgsRenderContext.fromQPainter(painter)
         size = renderer.minimumSize(context)
@@ -111,27 +107,20 @@ def main():
         report["themes"][name] = [layer.id() for layer in themes.mapThemeVisibleLayers(name)]
     for layout in project.layoutManager().printLayouts():
         page = layout.pageCollection().page(0)
-        items = [
-            describe(item)
-            for item in layout.items()
-            if isinstance(item, QgsLayoutItem) and item.type() != page.type()
-        ]
+        items = [item for item in layout.items() if isinstance(item, QgsLayoutItem)]
         assert layout.pageCollection().pageCount() == 1
         assert page.positionWithUnits() == QgsLayoutPoint(0, 0)
         report["layouts"][layout.name()] = {
             "page": [page.pageSize().width(), page.pageSize().height()],
-            "items": items,
+            "items": [describe(item) for item in items if item.type() != page.type()],
         }
     if len(sys.argv) > 2:
         application.processingRegistry().addProvider(QgsNativeAlgorithms())
         algorithm = application.processingRegistry().algorithmById("native:printlayouttopdf")
         context = QgsProcessingContext()
         context.setProject(project)
-        result, done = algorithm.run(
-            {"LAYOUT": next(iter(report["layouts"])), "OUTPUT": sys.argv[2]},
-            context,
-            QgsProcessingFeedback(),
-        )
+        task = {"LAYOUT": next(iter(report["layouts"])), "OUTPUT": sys.argv[2]}
+        result, done = algorithm.run(task, context, QgsProcessingFeedback())
         report["algorithm"] = [done, result.get("OUTPUT")]
         del context, algorithm
     sys.stdout.write(json.dumps(report, ensure_ascii=False) + "\n")

@@ -60,18 +60,16 @@ def describe_renderer(layer):
             ]
     elif facts["type"] == "categorizedSymbol":
         facts["column"] = renderer.classAttribute()
-        facts["classes"] = [
-            {"value": entry.value(), **described(entry)} for entry in renderer.categories()
-        ]
+        entries = renderer.categories()
+        facts["classes"] = [{"value": entry.value(), **described(entry)} for entry in entries]
     elif facts["type"] == "graduatedSymbol":
         facts["column"] = renderer.classAttribute()
         facts["classes"] = [described(entry) for entry in renderer.ranges()]
     elif facts["type"] == "singleSymbol":
         symbol = renderer.symbol()
         facts["colour"] = symbol.color().name()
-        facts["symbol_layers"] = [
-            symbol.symbolLayer(i).layerType() for i in range(symbol.symbolLayerCount())
-        ]
+        parts = map(symbol.symbolLayer, range(symbol.symbolLayerCount()))
+        facts["symbol_layers"] = [part.layerType() for part in parts]
     return facts
 
 
@@ -87,14 +85,10 @@ def describe(layer):
     if isinstance(layer, QgsVectorLayer):
         facts["kind"] = "vector"
         facts["features"] = layer.featureCount()
-        facts["aliases"] = {
-            field.name(): layer.attributeAlias(i) for i, field in enumerate(layer.fields())
-        }
-        facts["labels"] = (
-            layer.labeling().settings().fieldName
-            if layer.labelsEnabled() and layer.labeling()
-            else None
-        )
+        fields = enumerate(layer.fields())
+        facts["aliases"] = {field.name(): layer.attributeAlias(i) for i, field in fields}
+        labels = layer.labeling() if layer.labelsEnabled() else None
+        facts["labels"] = labels and labels.settings().fieldName
     else:
         facts["kind"] = "raster"
         facts["bands"] = [layer.bandName(i + 1) for i in range(layer.bandCount())]
@@ -105,13 +99,8 @@ def describe_tree(node):
     out = []
     for child in node.children():
         if isinstance(child, QgsLayerTreeGroup):
-            out.append(
-                {
-                    "group": child.name(),
-                    "exclusive": child.isMutuallyExclusive(),
-                    "layers": describe_tree(child),
-                }
-            )
+            facts = {"group": child.name(), "exclusive": child.isMutuallyExclusive()}
+            out.append({**facts, "layers": describe_tree(child)})
         else:
             out.append({"layer": child.name(), "visible": child.isVisible()})
     return out
@@ -123,14 +112,11 @@ def render(project, only):
     settings.setDestinationCrs(project.crs())
     settings.setBackgroundColor(QColor(255, 255, 255))
     order = project.layerTreeRoot().layerOrder()
-    if only:
-        shown = [layer for layer in order if layer.name() in only]
-    else:
-        visible = {
-            node.layerId() for node in project.layerTreeRoot().findLayers() if node.isVisible()
-        }
-        shown = [layer for layer in order if layer.id() in visible]
-    settings.setLayers(shown)
+    nodes = project.layerTreeRoot().findLayers()
+    visible = {node.layerId() for node in nodes if node.isVisible()}
+    settings.setLayers(
+        [one for one in order if (one.name() in only if only else one.id() in visible)]
+    )
     extent = QgsReferencedRectangle(canvas, canvas.crs())
     height = max(1, round(WIDTH * extent.height() / extent.width()))
     settings.setOutputSize(QSize(WIDTH, height))
@@ -140,19 +126,6 @@ def render(project, only):
     job.waitForFinished()
     errors = [error.message for error in job.errors()]
     return job.renderedImage(), settings.mapToPixel(), errors
-
-
-def background_share(image):
-    step = 4
-    seen = blank = 0
-    colours = set()
-    for row in range(0, image.height(), step):
-        for column in range(0, image.width(), step):
-            seen += 1
-            name = image.pixelColor(column, row).name()
-            colours.add(name)
-            blank += name == "#ffffff"
-    return blank / seen, len(colours)
 
 
 def main():
@@ -187,7 +160,6 @@ def main():
         image, to_pixel, errors = render(project, given.only)
         image.save(given.picture)
         report["render_errors"] = errors
-        report["blank_share"], report["colours"] = background_share(image)
         report["at"] = {}
         for place in given.at:
             x, y = map(float, place.split(","))
@@ -195,10 +167,8 @@ def main():
             report["at"][place] = image.pixelColor(int(pixel.x()), int(pixel.y())).name()
     alone = []
     for source in given.alone:
-        if ".gpkg" in source:
-            layer = QgsVectorLayer(source, "alone", "ogr")
-        else:
-            layer = QgsRasterLayer(source, "alone", "gdal")
+        vector = ".gpkg" in source
+        layer = QgsVectorLayer(source, "", "ogr") if vector else QgsRasterLayer(source, "", "gdal")
         alone.append(describe(layer))
         del layer
     report["alone"] = alone

@@ -18,11 +18,9 @@ def form(layer):
     for index, column in enumerate(layer.fields()):
         setup = layer.editorWidgetSetup(index)
         fields[column.name()] = {
-            "widget": setup.type(),
-            "config": setup.config(),
+            "widget": setup.type(), "config": setup.config(), "alias": layer.attributeAlias(index),
             "constraints": int(layer.fieldConstraints(index)),
-            "alias": layer.attributeAlias(index),
-        }
+        }  # fmt: skip
     return fields
 
 
@@ -54,10 +52,8 @@ def main():
             if name in wanted:
                 facts |= draw(layer, wanted[name])
         report["layers"][name] = facts
-    source = next(
-        layer.source() for layer in project.mapLayers().values() if "layername" in layer.source()
-    )
-    data = ogr.Open(source.partition("|")[0])
+    sources = [layer.source() for layer in project.mapLayers().values()]
+    data = ogr.Open(next(own for own in sources if "layername" in own).partition("|")[0])
     domain = data.GetFieldDomain("barriers_kind") if hasattr(data, "GetFieldDomain") else None
     report["choices"] = None if domain is None else sorted(domain.GetEnumeration())
     sys.stdout.write(json.dumps(report, default=str) + "\n")

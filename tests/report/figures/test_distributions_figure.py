@@ -29,10 +29,8 @@ def test_station_panels_hold_the_counts() -> None:
     drawn = find(figure, "computed")
     assert [d.get_data().values.tolist() for d in drawn] == [h.counts.tolist() for h in COMPUTED]
     words = texts(figure)
-    for word in ("speed (m/s)", "rotation (Hz)", "passing height (m)", "kinetic energy (kJ)"):
+    for word in ("rotation (Hz)", "kinetic energy (kJ)", "Camera 2", "12 of 20"):
         assert word in words
-    assert "Camera 2" in words and "12 of 20" in words
-    assert "number of blocks" in words
     # Bins beyond the last rock are not shown; the open last bin is named where it holds rocks.
     assert figure.axes[0].get_xlim()[1] < 4.5
     assert len(find(figure, "open-bin")) == 1
@@ -74,14 +72,10 @@ def test_runout_bars_by_reason_and_exceedance() -> None:
     assert "1 block of 5 was still moving" in words
 
 
-def test_runout_without_open_ends_has_no_warning() -> None:
-    assert "still moving" not in texts(runout_figure(EDGES, counted([1.0, 2.0], [0, 1])))
-
-
 @pytest.mark.parametrize("values", [[5.0], [5.0, 5.0]])
 def test_runout_of_few_rocks(values: list[float]) -> None:
     words = texts(runout_figure(EDGES, counted(values, [0] * len(values))))
-    assert f"at rest: {len(values)}" in words
+    assert f"at rest: {len(values)}" in words and "still moving" not in words
 
 
 S, Z = np.array([0.0, 50.0, 100.0]), np.array([160.0, 80.0, 60.0])

@@ -25,7 +25,6 @@ from sassgis.report.figures.style import (
     spread,
     wrap,
 )
-from sassgis.settings.labels import thousands
 from sassgis.settings.results import StopReason
 
 positions = st.lists(st.floats(-1e3, 1e3), min_size=0, max_size=12)
@@ -39,13 +38,9 @@ def test_spread_labels_keep_order_and_distance(wanted: list[float], gap: float) 
     assert np.sum(placed) == pytest.approx(np.sum(wanted), abs=1e-6)
 
 
-def test_spread_leaves_labels_with_room_alone() -> None:
+def test_spread_gives_labels_the_room_that_they_need() -> None:
     assert spread([10.0, 0.0, 5.0], 4.9).tolist() == [10.0, 0.0, 5.0]
-
-
-def test_spread_gives_wide_labels_more_room() -> None:
-    placed = spread([0.0, 0.0], np.array([2.0, 8.0]))
-    assert placed[1] - placed[0] == pytest.approx(5.0)
+    assert np.diff(spread([0.0, 0.0], np.array([2.0, 8.0]))) == pytest.approx([5.0])
 
 
 @pytest.mark.parametrize(
@@ -53,10 +48,6 @@ def test_spread_gives_wide_labels_more_room() -> None:
 )
 def test_round_steps(span: float, parts: int, step: float) -> None:
     assert round_step(span, parts) == pytest.approx(step)
-
-
-def test_numbers_have_thin_spaces_and_true_minus() -> None:
-    assert thousands(-1234567.0) == "\u22121\u202f234\u202f567"
 
 
 def test_texts_can_be_read_on_their_ground() -> None:
@@ -72,16 +63,11 @@ def test_wrap_keeps_all_words_and_the_given_lines() -> None:
     assert len(wrapped.splitlines()) > 2
 
 
-def test_style_ends_with_the_block() -> None:
-    before = dict(mpl.rcParams)
-    with house_style():
-        assert mpl.rcParams["axes.spines.top"] is False
-    assert dict(mpl.rcParams) == before
-
-
 def test_the_users_settings_do_not_change_a_figure() -> None:
+    before = dict(mpl.rcParams)
     counted = np.arange(4.0), {StopReason.REST: np.array([1, 2, 4])}
     plain = to_png(runout_figure(*counted))
+    assert dict(mpl.rcParams) == before
     with mpl.rc_context({"axes.facecolor": "yellow", "font.size": 20.0}):
         assert to_png(runout_figure(*counted)) == plain
 
@@ -115,13 +101,8 @@ def test_same_figure_same_bytes_without_version(tmp_path: Path) -> None:
     assert first == second
     assert first.startswith(b"\x89PNG")
     assert b"Matplotlib" not in first
-
-
-def test_unwritable_file_is_one_line(tmp_path: Path) -> None:
-    figure = runout_figure(np.arange(2.0), {StopReason.REST: np.array([1])})
-    with pytest.raises(OutputError, match=r"no/a\.png: the figure cannot be written") as caught:
-        save(figure, tmp_path / "no" / "a.png")
-    assert "\n" not in str(caught.value)
+    with pytest.raises(OutputError, match=r"no/a\.png: the figure cannot be written"):
+        save(runout_figure(*counted), tmp_path / "no" / "a.png")
 
 
 def test_figures_do_not_load_pyplot() -> None:
