@@ -29,49 +29,50 @@ _HEAD = f"""\
 
 # Configuration
 
-After this page you can set every key of a run. One TOML file describes it: `sassgis init` writes
-the keys that every site must decide, `sassgis init --all` every key ([starting](starting.md));
-`sassgis validate` reads it and all files that it names. Paths are relative to the file.
-[Units](conventions.md#units) are part of the names. A *range* is `[low, high]`; a single number
-means two equal limits. Unknown keys are errors, and so are texts of more than {LONGEST_TEXT}
-characters, here and in all other inputs. [Formats](terrain.md#formats) of rasters and vector files.
+One TOML file describes a run. `sassgis init` writes the keys that every site must decide,
+`sassgis init --all` every key ([starting](starting.md#the-configuration)). `sassgis validate`
+checks the file and all files that it names. Paths are relative to the configuration. Names end in
+their [unit](conventions.md#units). A *range* is `[low, high]`; a single number sets both limits.
+Unknown keys and texts of more than {LONGEST_TEXT} characters are errors. *needed*: the key has no
+default; –: it may be left out.
 
-A run on the map needs `terrain.dem`, `release.file` and one `[[blocks]]`; a run along one profile
-needs `[profile]` (or `--csv`, `--point`, `--line`) and one `[[blocks]]`. Everything else has a
-default (–: none).
+| run | needs |
+|---|---|
+| on the map | `terrain.dem`, `release.file`, one `[[blocks]]` |
+| along one profile | `[profile]` (or `--csv`, `--point`, `--line`), one `[[blocks]]` |
 
-Paths, numbers of cores and output settings do not change the simulated blocks. The sections
-terrain, release, ground, blocks, stations, barriers, effects, engine and run (except
-`jobs` and `ground_uncertainty`) may.
+The sections terrain, release, ground, blocks, stations, barriers, effects, engine and run (except
+`jobs` and `ground_uncertainty`) may change the simulated blocks. Paths of files, numbers of cores
+and output settings leave them unchanged.
 """
 
 _INTRO = {
     "project": "",
-    "terrain": "Terrain model and paths: [terrain](terrain.md).",
-    "release": "Where blocks start: [release points](terrain.md#release-points).",
-    "ground": "The ground class of each cell: [classes](model.md#ground-classes).",
-    "blocks": "One section for each block scenario; one is needed. Each value of a block is drawn "
-    "uniformly between its limits (volumes by a power law with `volume_exponent`). Its size is "
-    "given by three semi-axes or by a volume. Zones need its onset frequency: "
-    "[hazard](hazard.md).",
-    "stations": "Control lines where passing blocks are recorded; a section for each. Placed by "
-    "exactly one of `line`, `file`, `chainage_m`.",
-    "barriers": "Walls and nets, placed like stations. Names of stations and barriers must be "
-    "unique. Kind and height are needed; both, and the capacity, are one for all features, or an "
-    "attribute of each (`..._field`).",
-    "engine": "Modelling assumptions where the paper leaves a question open: "
-    "[model.md](model.md#modelling-assumptions).",
-    "profile": "A run along one profile (`sassgis profile`).",
-    "hazard": "Intensities and hazard levels (`sassgis zone`): [hazard.md](hazard.md).",
-    "zones": "From cells to polygons: [zones.md](zones.md).",
-    "edits": "Polygons in which an expert sets the hazard level: "
-    "[zones.md](zones.md#edits-by-hand).",
-    "risk": "Consequences of hits on exposed objects: [risk.md](risk.md).",
-    "objects": "Exposed objects, a section for each layer: [risk.md](risk.md). Each number is one "
-    "for all features, or an attribute of each (`..._field`).",
+    "terrain": "[Terrain and paths](terrain.md).",
+    "release": "[Release points](terrain.md#release-points).",
+    "ground": "The [ground class](model.md#ground-classes) of each cell.",
+    "blocks": "One section for each block scenario. State the size by three semi-axes or by a "
+    "volume. Values are drawn uniformly between the limits of a range, volumes by a power law "
+    "with `volume_exponent`. Zones need an onset frequency ([hazard](hazard.md)).",
+    "stations": "Control lines that record passing blocks, one section each. Place them by one of "
+    "`line`, `file`, `chainage_m`.",
+    "barriers": "Walls and nets, one section each. `kind` and `height_m` are needed. `..._field` "
+    "names an attribute that holds the value of each feature. Names of stations and barriers must "
+    "differ.",
+    "engine": "[Modelling assumptions](model.md#modelling-assumptions).",
+    "profile": "For `sassgis profile`.",
+    "hazard": "[Intensities and hazard levels](hazard.md), for `sassgis zone`.",
+    "zones": "[From cells to polygons](zones.md).",
+    "edits": "Polygons in which an expert sets the hazard level ([edits](zones.md#edits-by-hand)).",
+    "risk": "[Risk](risk.md) of exposed objects.",
+    "objects": "[Exposed objects](risk.md), one section for each layer. `..._field` names an "
+    "attribute that holds the value of each feature.",
     "run": "",
-    "output": "Output files: [outputs.md](outputs.md).",
+    "output": "[Output files](outputs.md).",
 }
+
+#: Sections whose keys stand, as far as they are the same, in another one.
+_LIKE = {"barriers": "stations"}
 
 
 def kind(annotation: Any) -> str:
@@ -82,7 +83,8 @@ def kind(annotation: Any) -> str:
     if origin in (Union, types.UnionType):
         return kind(next(a for a in get_args(annotation) if a is not type(None)))
     if origin is Literal:
-        return " or ".join(f'`"{a}"`' for a in get_args(annotation))
+        words = [f'`"{a}"`' for a in get_args(annotation)]
+        return " or ".join(words) if len(words) < 10 else f"{words[0]}, …, {words[-1]}"
     if origin is tuple:
         parts = get_args(annotation)
         if len(parts) == 2 and parts[1] is not Ellipsis:
@@ -94,7 +96,7 @@ def kind(annotation: Any) -> str:
         return "list of points" if kind(parts[0]) == "range" else "list of numbers"
     if origin is not None:
         return "table"
-    names = {str: "text", Path: "path", float: "number", int: "whole number", bool: "true or false"}
+    names = {str: "text", Path: "path", float: "number", int: "integer", bool: "true or false"}
     return names[annotation]
 
 
@@ -122,8 +124,8 @@ def limits(annotation: Any) -> str:
     return f", {low}" if own.gt is not None else f", ≥ {low}"
 
 
-def row(own: Declared) -> str:
-    """One key as a row of its section's table."""
+def row(own: Declared, has_attribute: bool = False) -> str:
+    """One key as a row of its section's table, with the key of its attribute if it has one."""
     if own.is_required:
         default = "*needed*"
     elif own.default is None:
@@ -134,8 +136,14 @@ def row(own: Declared) -> str:
     if re.match(r"A |[A-Z][a-z]", text):  # neither an abbreviation nor a symbol
         text = text[:1].lower() + text[1:]
     if own.old_name is not None:
-        text += f". Formerly `{own.old_name}`, which is read with a note for one version"
-    return f"| `{own.name}` | {kind(own.kind)}{limits(own.kind)} | {default} | {text} |"
+        text += f" (formerly `{own.old_name}`)"
+    name = f"`{own.name}`, `{own.name}_field`" if has_attribute else f"`{own.name}`"
+    return f"| {name} | {kind(own.kind)}{limits(own.kind)} | {default} | {text} |"
+
+
+def is_attribute(own: Declared) -> bool:
+    """Whether a key names the attribute that holds the value of another key."""
+    return own.description == f"attribute with {own.name.removesuffix('_field')}"
 
 
 def section(name: str, keys: Mapping[str, Declared]) -> str:
@@ -143,11 +151,19 @@ def section(name: str, keys: Mapping[str, Declared]) -> str:
     brackets = f"[[{name}]]" if name in LISTS else f"[{name}]"
     lines = [f"## `{brackets}`", ""]
     effect = name.removeprefix("effects.")
-    intro = _INTRO.get(name, f"Turns the effect on: [{effect}](effects.md#{effect}).")
+    intro = _INTRO.get(name, f"The effect [{effect}](effects.md#{effect}).")
     if intro:
         lines += [intro, ""]
+    if name in _LIKE:
+        others = declared_sections()[_LIKE[name]]
+        same = [key for key, own in keys.items() if key in others and row(own) == row(others[key])]
+        names = ", ".join(f"`{key}`" for key in same)
+        lines += [f"{names}: as in [{_LIKE[name]}](#{_LIKE[name]}).", ""]
+        keys = {key: own for key, own in keys.items() if key not in same}
     lines += ["| key | value | default | meaning |", "|---|---|---|---|"]
-    lines += [row(own) for own in keys.values()]
+    attributes = {key for key, own in keys.items() if is_attribute(own)}
+    rows = {key: own for key, own in keys.items() if key not in attributes}
+    lines += [row(own, f"{key}_field" in attributes) for key, own in rows.items()]
     return "\n".join(lines)
 
 
@@ -167,33 +183,64 @@ def effects_table() -> list[str]:
     return rows
 
 
+#: What a cause leaves in the observations, in words of the field.
+_TRACES = {
+    "measurement_error": "speeds differ from positions over times of a path; impacts gain more "
+    "energy than the fall gives; a value is off at one station only; a stop lies off the fall "
+    "line of a rock that was on it at a station at most 30 m above",
+    "release_error": "path or first contacts begin more than 1.5 m and the errors from the stated "
+    "start, or more than 3 m above it; the lateral offset at the first station stays constant "
+    "below; speed is wrong on the first reach only",
+    "air_drag": "speed lost in flight, in proportion to the square of the speed over the size, "
+    "with C_d from 0.2 (or 0.5, by the errors) to 2",
+    "trees": "sudden loss of speed at least 0.8 m above the resting position, or of energy between "
+    "two impacts (more than 15 % and 3.5 standard deviations), on few flights; loss on one reach "
+    "only",
+    "fragmentation": "fragments under the name of a rock (R7.2); masses of the rocks missing "
+    "among the deposits and present in smaller blocks",
+    "entrainment": "more mass deposited than rocks came down",
+    "lateral_deflection": "turns at impacts, and lateral offsets that grow below the first "
+    "station, beyond the simulated ones and by more than 10° and 15 % of the path",
+    "soft_ground": "less rebound on one yielding ground only; large rocks stop early at the foot",
+    "roughness": "rebound scatters more than simulated, most for small rocks; small rocks are slow "
+    "on all reaches",
+    "rock_shape": "speed after impacts and on reaches depends on the flatness of the rock",
+    "contact_law": "fits certainly better than any ground values; part of the base model",
+}
+
+
 def causes_table() -> list[str]:
     """The causes that the diagnosis can name, a row for each."""
     rows = ["| cause | fingerprints | tables, any of |", "|---|---|---|"]
-    for cause in CAUSES.values():
+    for name, cause in CAUSES.items():
         taken = (own.tables for own in cause.statistics)
-        tables = dict.fromkeys(" and ".join(f"`{name}`" for name in own) for own in taken)
-        rows.append(f"| {cause.words[0]} | {cause.shown_by} | {'; '.join(tables)} |")
+        tables = dict.fromkeys(" + ".join(f"`{table}`" for table in own) for own in taken)
+        rows.append(f"| {cause.words[0]} | {_TRACES[name]} | {'; '.join(tables)} |")
     return rows
 
 
 def observation_tables() -> list[str]:
-    """The tables of observations and the keys of their metadata, each with its columns."""
-    rows = []
+    """The tables of observations and the keys of their metadata, each with its columns.
+
+    A column that means the same in several tables is described in the first one.
+    """
+    lines: list[str] = []
+    described: dict[tuple[str, str, str], str] = {}
     for name, columns in OBSERVED.items():
-        rows += [
-            f"### `{name}`",
-            "",
-            TABLE_TYPES[name].about,
-            "",
-            *columns_table("column", columns),
-        ]
-    about = (
-        "Two columns, `key` and `value`. The last keys hold words for whoever uses the site later. "
-        "Other keys are passed on (`Metadata.others`)."
-    )
+        new = [own for own in columns if (own.name, own.unit, own.meaning) not in described]
+        lines += [f"### `{name}`", "", TABLE_TYPES[name].about, "", *columns_table("column", new)]
+        seen: dict[str, list[str]] = {}
+        for own in columns:
+            if own not in new:
+                table = described[own.name, own.unit, own.meaning]
+                seen.setdefault(table, []).append(f"`{own.name}`")
+        if seen:
+            as_in = "; ".join(f"{', '.join(own)} as in `{table}`" for table, own in seen.items())
+            lines += [f"Also {as_in}.", ""]
+        described |= {(own.name, own.unit, own.meaning): name for own in new}
+    about = "Columns `key` and `value`. Other keys are passed on (`Metadata.others`)."
     keys = columns_table("key", (*METADATA_KEYS.values(), *METADATA_TEXTS.values()))
-    return [*rows, "### `metadata`", "", about, "", *keys[:-1]]
+    return [*lines, "### `metadata`", "", about, "", *keys[:-1]]
 
 
 def columns_table(kind: str, columns: Iterable[Column]) -> list[str]:
