@@ -57,9 +57,10 @@ _INTRO = {
     "stations": "Control lines that record passing blocks, one section each. Place them by one of "
     "`line`, `file`, `chainage_m`.",
     "barriers": "Walls and nets, one section each. `kind` and `height_m` are needed. `..._field` "
-    "names an attribute that holds the value of each feature. Names of stations and barriers must "
-    "differ.",
-    "engine": "[Modelling assumptions](model.md#modelling-assumptions).",
+    "names an attribute that holds the value of each feature. Names of stations and barriers "
+    "must differ.",
+    "engine": "[Modelling assumptions](model.md#modelling-assumptions). Keys without a default "
+    "take it from `readings`.",
     "profile": "For `sassgis profile`.",
     "hazard": "[Intensities and hazard levels](hazard.md), for `sassgis zone`.",
     "zones": "[From cells to polygons](zones.md).",
@@ -69,6 +70,64 @@ _INTRO = {
     "attribute that holds the value of each feature.",
     "run": "",
     "output": "[Output files](outputs.md).",
+}
+
+#: Meanings that another page explains; elsewhere the descriptions of the settings are used.
+_EXPLAINED = {
+    "terrain.block_scale_m": "[scale](terrain.md#flattening) below which terrain counts as "
+    "roughness (m); 0: never; default: mean diameter of the smallest block scenario",
+    "terrain.energy_line_angle_deg": "[fall lines](terrain.md#fall-lines) end where they sink "
+    "below this angle seen from the start (degrees); choose it lower than any run-out",
+    "terrain.path": "each block [finds its path](model.md#followed-paths), or all blocks of a "
+    "release point move on its [fall line](terrain.md#fall-lines)",
+    "blocks.volume_exponent": "b: the frequency of blocks larger than V falls as V^-b between the "
+    "limits of volume_m3; without it all volumes are equally likely",
+    "blocks.onset_unit": "per year in each release area, per year and hectare of it (in plan), or "
+    "per year and metre of release line",
+    "blocks.onset_above_m3": "with volume_exponent: onset_frequency counts blocks larger than this "
+    "(m3)",
+    "engine.readings": "named set of [modelling assumptions](model.md#two-sets-of-readings)",
+    "engine.eta_max_rule": "law of [impact](model.md#impact)",
+    "engine.slope_variation": "whether each impact varies the slope ([impact](model.md#impact))",
+    "engine.rolling_threshold": "a bounce below this share of the radius ends in a [soft "
+    "landing](model.md#impact)",
+    "engine.rolling": "law of [rolling](model.md#rolling-and-sliding)",
+    "engine.rolling_friction_sd": "scatter of [rolling friction](model.md#rolling-and-sliding) "
+    "between blocks",
+    "engine.outline_edges": "ratio of axes that edges add to the [outline](model.md#outline)",
+    "engine.outline_share": "share of a/b − 1 that acts in the plane of motion "
+    "([outline](model.md#outline))",
+    "engine.tipping": "whether a sliding block may [tip over](model.md#tipping) and roll",
+    "engine.corner": "shape that hits rising ground ([concave corners](model.md#concave-corners))",
+    "engine.side_tilt_deg": "scatter of the sideways tilt at impacts ([followed "
+    "paths](model.md#followed-paths), degrees)",
+    "engine.drift_deg": "scatter of the angle between path and descent ([followed "
+    "paths](model.md#followed-paths), degrees)",
+    "effects.air_drag.drag_coefficient": "C_d: 0.4 to 0.5 for a sphere, about 1 for a tumbling "
+    "block",
+    "effects.wind.acceleration_mps2": "horizontal, in flight, positive along the chainage (m/s2)",
+    "effects.trees.single_trees": "CSV table with columns x, y, dbh_cm, conifer_share (0 to 1), or "
+    "points with these attributes",
+    "effects.trees.species": "fir, spruce, conifers, broadleaved, larch, maple or beech; the "
+    "factors are not verified",
+    "effects.soft_ground.depth_law": "depth of the scar",
+    "hazard.preset": "[rules](presets.md) of intensity and level: ch-so, ti, or a TOML file",
+    "hazard.frequencies": "table (CSV) with columns area, scenario, frequency, unit: onset "
+    "frequencies of single release areas, in place of those of `[[blocks]]`",
+    "hazard.ref_width_m": "[reference width](hazard.md#source-and-rate) of all frequencies (m), "
+    "one cell or more; sassgis zone and batch need it",
+    "hazard.confidence": "share of all changes by [another "
+    "sample](hazard.md#what-another-sample-would-change) that uncertain cells hold",
+    "hazard.blocks": "release.rocks_per_point at each point, or [as many as the map "
+    "needs](hazard.md#as-many-blocks-as-a-map-needs)",
+    "hazard.changed_share_max": "with auto: largest share of the zoned area whose level another "
+    "sample may change; default: 0.02",
+    "hazard.blocks_max": "with auto: most blocks; default: 10 million",
+    "hazard.minutes_max": "with auto: longest simulation (minutes, about); default: 60",
+    "zones.closing_m": "gaps and slots up to this width are closed (m); default: that of the "
+    "preset, at least release.spacing_m",
+    "run.ground_uncertainty": "repetitions with other values of the ground classes "
+    "([bands](sensitivity.md#bands-by-the-spread-between-sites)); 0: none",
 }
 
 #: Sections whose keys stand, as far as they are the same, in another one.
@@ -124,7 +183,14 @@ def limits(annotation: Any) -> str:
     return f", {low}" if own.gt is not None else f", ≥ {low}"
 
 
-def row(own: Declared, has_attribute: bool = False) -> str:
+def meaning(section: str, own: Declared) -> str:
+    """What a key means, with a link where another page explains it."""
+    if own.name == "form":
+        return "law"
+    return _EXPLAINED.get(f"{section}.{own.name}", own.description)
+
+
+def row(section: str, own: Declared, has_attribute: bool = False) -> str:
     """One key as a row of its section's table, with the key of its attribute if it has one."""
     if own.is_required:
         default = "*needed*"
@@ -132,7 +198,7 @@ def row(own: Declared, has_attribute: bool = False) -> str:
         default = "–"
     else:
         default = f"`{shown(own.default)}`"
-    text = own.description.replace("|", "\\|").removesuffix(".")
+    text = meaning(section, own).replace("|", "\\|").removesuffix(".")
     if re.match(r"A |[A-Z][a-z]", text):  # neither an abbreviation nor a symbol
         text = text[:1].lower() + text[1:]
     if own.old_name is not None:
@@ -156,20 +222,27 @@ def section(name: str, keys: Mapping[str, Declared]) -> str:
         lines += [intro, ""]
     if name in _LIKE:
         others = declared_sections()[_LIKE[name]]
-        same = [key for key, own in keys.items() if key in others and row(own) == row(others[key])]
+        same = [
+            key
+            for key, own in keys.items()
+            if key in others and row(name, own) == row(name, others[key])
+        ]
         names = ", ".join(f"`{key}`" for key in same)
         lines += [f"{names}: as in [{_LIKE[name]}](#{_LIKE[name]}).", ""]
         keys = {key: own for key, own in keys.items() if key not in same}
     lines += ["| key | value | default | meaning |", "|---|---|---|---|"]
     attributes = {key for key, own in keys.items() if is_attribute(own)}
     rows = {key: own for key, own in keys.items() if key not in attributes}
-    lines += [row(own, f"{key}_field" in attributes) for key, own in rows.items()]
+    lines += [row(name, own, f"{key}_field" in attributes) for key, own in rows.items()]
     return "\n".join(lines)
 
 
 def page() -> str:
     """The whole page of the configuration."""
-    sections = (section(name, keys) for name, keys in declared_sections().items())
+    declared = declared_sections()
+    unknown = _EXPLAINED.keys() - {f"{name}.{key}" for name in declared for key in declared[name]}
+    assert not unknown, unknown
+    sections = (section(name, keys) for name, keys in declared.items())
     return "\n\n".join([_HEAD.rstrip(), *sections]) + "\n"
 
 
