@@ -33,8 +33,8 @@ One TOML file describes a run. `sassgis init` writes the keys that every site mu
 `sassgis init --all` every key ([starting](starting.md#the-configuration)). `sassgis validate`
 checks the file and all files that it names. Paths are relative to the configuration. Names end in
 their [unit](conventions.md#units). A *range* is `[low, high]`; a single number sets both limits.
-Unknown keys and texts of more than {LONGEST_TEXT} characters are errors. *needed*: the key has no
-default; –: it may be left out.
+`layer` is needed where a file has several layers. Unknown keys and texts of more than
+{LONGEST_TEXT} characters are errors. *needed*: the key has no default; –: it may be left out.
 
 | run | needs |
 |---|---|
@@ -155,7 +155,7 @@ def kind(annotation: Any) -> str:
         return "list of points" if kind(parts[0]) == "range" else "list of numbers"
     if origin is not None:
         return "table"
-    names = {str: "text", Path: "path", float: "number", int: "integer", bool: "true or false"}
+    names = {str: "text", Path: "path", float: "number", int: "integer", bool: "boolean"}
     return names[annotation]
 
 
@@ -190,8 +190,8 @@ def meaning(section: str, own: Declared) -> str:
     return _EXPLAINED.get(f"{section}.{own.name}", own.description)
 
 
-def row(section: str, own: Declared, has_attribute: bool = False) -> str:
-    """One key as a row of its section's table, with the key of its attribute if it has one."""
+def row(section: str, own: Declared, *others: str) -> str:
+    """One key as a row of its section's table, with other keys that belong to it."""
     if own.is_required:
         default = "*needed*"
     elif own.default is None:
@@ -203,8 +203,9 @@ def row(section: str, own: Declared, has_attribute: bool = False) -> str:
         text = text[:1].lower() + text[1:]
     if own.old_name is not None:
         text += f" (formerly `{own.old_name}`)"
-    name = f"`{own.name}`, `{own.name}_field`" if has_attribute else f"`{own.name}`"
-    return f"| {name} | {kind(own.kind)}{limits(own.kind)} | {default} | {text} |"
+    name = f"`{own.name}`" + "".join(f", `{key}`" for key in others)
+    value = f"{kind(own.kind)}{limits(own.kind)}".removeprefix("number, ")
+    return f"| {name} | {value} | {default} | {text} |"
 
 
 def is_attribute(own: Declared) -> bool:
@@ -221,19 +222,24 @@ def section(name: str, keys: Mapping[str, Declared]) -> str:
     if intro:
         lines += [intro, ""]
     if name in _LIKE:
-        others = declared_sections()[_LIKE[name]]
+        like = declared_sections()[_LIKE[name]]
         same = [
             key
             for key, own in keys.items()
-            if key in others and row(name, own) == row(name, others[key])
+            if key in like and row(name, own) == row(name, like[key])
         ]
         names = ", ".join(f"`{key}`" for key in same)
         lines += [f"{names}: as in [{_LIKE[name]}](#{_LIKE[name]}).", ""]
         keys = {key: own for key, own in keys.items() if key not in same}
     lines += ["| key | value | default | meaning |", "|---|---|---|---|"]
     attributes = {key for key, own in keys.items() if is_attribute(own)}
-    rows = {key: own for key, own in keys.items() if key not in attributes}
-    lines += [row(name, own, f"{key}_field" in attributes) for key, own in rows.items()]
+    hidden = attributes | ({"layer"} if "file" in keys else set())
+    rows = {key: own for key, own in keys.items() if key not in hidden}
+    for key, own in rows.items():
+        with_it = [f"{key}_field"] if f"{key}_field" in attributes else []
+        if key == "file" and "layer" in keys:
+            with_it.append("layer")
+        lines.append(row(name, own, *with_it))
     return "\n".join(lines)
 
 
@@ -248,12 +254,10 @@ def page() -> str:
 
 def effects_table() -> list[str]:
     """The effects, a row for each."""
-    rows = ["| effect | what it is | phase | forms |", "|---|---|---|---|"]
-    for name, own in EFFECTS.items():
-        form = own.keys.get("form")
-        forms = "" if form is None else kind(form.kind).replace(" or ", ", ").replace('"', "")
-        rows.append(f"| [`{name}`](#{name}) | {own.summary} | {own.phase} | {forms} |")
-    return rows
+    rows = (
+        f"| [`{name}`](#{name}) | {own.summary} | {own.phase} |" for name, own in EFFECTS.items()
+    )
+    return ["| effect | what it is | phase |", "|---|---|---|", *rows]
 
 
 #: What a cause leaves in the observations, in words of the field.
@@ -317,13 +321,13 @@ def observation_tables() -> list[str]:
 
 
 def columns_table(kind: str, columns: Iterable[Column]) -> list[str]:
-    """Columns with unit and meaning, and an empty line; coordinates of a point in one row."""
-    places: dict[tuple[str, str], list[str]] = {}
+    """Columns with their meaning, and an empty line; coordinates of a point in one row."""
+    places: dict[str, list[str]] = {}
     for own in columns:
-        meaning = re.sub(r": (x|y|height)$", "", own.meaning)
-        places.setdefault((own.unit or "–", meaning), []).append(f"`{own.name}`")
-    rows = (f"| {', '.join(names)} | {unit} | {text} |" for (unit, text), names in places.items())
-    return [f"| {kind} | unit | |", "|---|---|---|", *rows, ""]
+        about = re.sub(r": (x|y|height)$", "", own.meaning)
+        places.setdefault(about, []).append(f"`{own.name}`")
+    rows = (f"| {', '.join(names)} | {text} |" for text, names in places.items())
+    return [f"| {kind} | |", "|---|---|", *rows, ""]
 
 
 #: Pages with a table that is made here, and the word of its marks.
