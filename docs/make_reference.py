@@ -296,6 +296,42 @@ def causes_table() -> list[str]:
     return rows
 
 
+#: What the page says of tables and columns in place of their descriptions.
+_ABOUT = {
+    "rocks": "One row per rock that was released, or that fell from a known source.",
+    "stations": "Lines across the slope where passing rocks were measured. In a GeoPackage a line "
+    "may have more vertices.",
+    "passages": "One row per rock and station; without numbers if the rock passed unmeasured.",
+    "impacts": "One row per impact with known velocities before and after, from films or from "
+    "sensors in the rock. Velocities are those of the centre, in the vertical plane of motion, "
+    "along the ground and along its *outward* normal: an approaching rock has `vn_in_mps` below "
+    "zero. Where the path turns, those after the impact are along the new heading. A rolling "
+    "rock has positive spin.",
+    "contacts": "One row per contact with the ground, also where its place is not known: times and "
+    "spins from sensors in the rock, places from a positioning system.",
+    "deposits": "One row per deposited block, fragments included. A rock that broke has rows for "
+    "its fragments only; these pass stations under their names.",
+    "trajectories": "One row per rock and time.",
+    "rock_id": "name of the rock; R7.2 is a fragment of R7",
+    "rotation_hz": "revolutions per second, without sign",
+    "rotation_before_hz": "revolutions per second before the contact",
+    "rotation_after_hz": "revolutions per second after it",
+    "height_m": "vertical, from the ground to the centre; the resting height is included",
+    "slope_deg": "dip of the ground along the travel, over one or two metres",
+    "turn_deg": "change of the azimuth in plan, clockwise",
+    "omega_in_radps": "spin before; positive for a rolling rock",
+    "t_start_s": "start, from any zero of the clock of the rock",
+    "t_end_s": "end",
+    "speed_error_rel": "standard error of a speed, as a share of it (0.05: 5 %); at impacts of the "
+    "whole speed",
+    "stop_error_m": "standard error of the place of a stop; default: of a position",
+    "contact_min_interval_s": "contacts that follow sooner count as one",
+    "terrain_survey": "date, means and cell size of the terrain model",
+    "ground": "kind, depth and moisture of the ground by stretch; diameter of blocks on it",
+    "stops": "whether every rock has its stop, which left the survey, what held others",
+}
+
+
 def observation_tables() -> list[str]:
     """The tables of observations and the keys of their metadata, each with its columns.
 
@@ -305,7 +341,13 @@ def observation_tables() -> list[str]:
     described: dict[tuple[str, str, str], str] = {}
     for name, columns in OBSERVED.items():
         new = [own for own in columns if (own.name, own.unit, own.meaning) not in described]
-        lines += [f"### `{name}`", "", TABLE_TYPES[name].about, "", *columns_table("column", new)]
+        lines += [
+            f"### `{name}`",
+            "",
+            _ABOUT.get(name, TABLE_TYPES[name].about),
+            "",
+            *columns_table("column", new),
+        ]
         seen: dict[str, list[str]] = {}
         for own in columns:
             if own not in new:
@@ -324,7 +366,7 @@ def columns_table(kind: str, columns: Iterable[Column]) -> list[str]:
     """Columns with their meaning, and an empty line; coordinates of a point in one row."""
     places: dict[str, list[str]] = {}
     for own in columns:
-        about = re.sub(r": (x|y|height)$", "", own.meaning)
+        about = re.sub(r": (x|y|height)$", "", _ABOUT.get(own.name, own.meaning))
         places.setdefault(about, []).append(f"`{own.name}`")
     rows = (f"| {', '.join(names)} | {text} |" for text, names in places.items())
     return [f"| {kind} | |", "|---|---|", *rows, ""]
