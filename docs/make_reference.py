@@ -292,7 +292,9 @@ def causes_table() -> list[str]:
     for name, cause in CAUSES.items():
         taken = (own.tables for own in cause.statistics)
         tables = dict.fromkeys(" + ".join(f"`{table}`" for table in own) for own in taken)
-        rows.append(f"| {cause.words[0]} | {_TRACES[name]} | {'; '.join(tables)} |")
+        rows.append(
+            f"| {cause.words[0]} | {_TRACES.get(name, cause.shown_by)} | {'; '.join(tables)} |"
+        )
     return rows
 
 
