@@ -29,49 +29,109 @@ _HEAD = f"""\
 
 # Configuration
 
-After this page you can set every key of a run. One TOML file describes it: `sassgis init` writes
-the keys that every site must decide, `sassgis init --all` every key ([starting](starting.md));
-`sassgis validate` reads it and all files that it names. Paths are relative to the file.
-[Units](conventions.md#units) are part of the names. A *range* is `[low, high]`; a single number
-means two equal limits. Unknown keys are errors, and so are texts of more than {LONGEST_TEXT}
-characters, here and in all other inputs. [Formats](terrain.md#formats) of rasters and vector files.
+One TOML file describes a run. `sassgis init` writes the keys that every site must decide,
+`sassgis init --all` every key ([starting](starting.md#the-configuration)). `sassgis validate`
+checks the file and all files that it names. Paths are relative to the configuration. Names end in
+their [unit](conventions.md#units). A *range* is `[low, high]`; a single number sets both limits.
+`layer` is needed where a file has several layers. Unknown keys and texts of more than
+{LONGEST_TEXT} characters are errors. *needed*: the key has no default; –: it may be left out.
 
-A run on the map needs `terrain.dem`, `release.file` and one `[[blocks]]`; a run along one profile
-needs `[profile]` (or `--csv`, `--point`, `--line`) and one `[[blocks]]`. Everything else has a
-default (–: none).
+| run | needs |
+|---|---|
+| on the map | `terrain.dem`, `release.file`, one `[[blocks]]` |
+| along one profile | `[profile]` (or `--csv`, `--point`, `--line`), one `[[blocks]]` |
 
-Paths, numbers of cores and output settings do not change the simulated blocks. The sections
-terrain, release, ground, blocks, stations, barriers, effects, engine and run (except
-`jobs` and `ground_uncertainty`) may.
+The sections terrain, release, ground, blocks, stations, barriers, effects, engine and run (except
+`jobs` and `ground_uncertainty`) may change the simulated blocks. Paths of files, numbers of cores
+and output settings leave them unchanged.
 """
 
 _INTRO = {
     "project": "",
-    "terrain": "Terrain model and paths: [terrain](terrain.md).",
-    "release": "Where blocks start: [release points](terrain.md#release-points).",
-    "ground": "The ground class of each cell: [classes](model.md#ground-classes).",
-    "blocks": "One section for each block scenario; one is needed. Each value of a block is drawn "
-    "uniformly between its limits (volumes by a power law with `volume_exponent`). Its size is "
-    "given by three semi-axes or by a volume. Zones need its onset frequency: "
-    "[hazard](hazard.md).",
-    "stations": "Control lines where passing blocks are recorded; a section for each. Placed by "
-    "exactly one of `line`, `file`, `chainage_m`.",
-    "barriers": "Walls and nets, placed like stations. Names of stations and barriers must be "
-    "unique. Kind and height are needed; both, and the capacity, are one for all features, or an "
-    "attribute of each (`..._field`).",
-    "engine": "Modelling assumptions where the paper leaves a question open: "
-    "[model.md](model.md#modelling-assumptions).",
-    "profile": "A run along one profile (`sassgis profile`).",
-    "hazard": "Intensities and hazard levels (`sassgis zone`): [hazard.md](hazard.md).",
-    "zones": "From cells to polygons: [zones.md](zones.md).",
-    "edits": "Polygons in which an expert sets the hazard level: "
-    "[zones.md](zones.md#edits-by-hand).",
-    "risk": "Consequences of hits on exposed objects: [risk.md](risk.md).",
-    "objects": "Exposed objects, a section for each layer: [risk.md](risk.md). Each number is one "
-    "for all features, or an attribute of each (`..._field`).",
+    "terrain": "[Terrain and paths](terrain.md).",
+    "release": "[Release points](terrain.md#release-points).",
+    "ground": "The [ground class](model.md#ground-classes) of each cell.",
+    "blocks": "One section for each block scenario. State the size by three semi-axes or by a "
+    "volume. Values are drawn uniformly between the limits of a range, volumes by a power law "
+    "with `volume_exponent`. Zones need an onset frequency ([hazard](hazard.md)).",
+    "stations": "Control lines that record passing blocks, one section each. Place them by one of "
+    "`line`, `file`, `chainage_m`.",
+    "barriers": "Walls and nets, one section each. `kind` and `height_m` are needed. `..._field` "
+    "names an attribute that holds the value of each feature. Names of stations and barriers "
+    "must differ.",
+    "engine": "[Modelling assumptions](model.md#modelling-assumptions). Keys without a default "
+    "take it from `readings`.",
+    "profile": "For `sassgis profile`.",
+    "hazard": "[Intensities and hazard levels](hazard.md), for `sassgis zone`.",
+    "zones": "[From cells to polygons](zones.md).",
+    "edits": "Polygons in which an expert sets the hazard level ([edits](zones.md#edits-by-hand)).",
+    "risk": "[Risk](risk.md) of exposed objects.",
+    "objects": "[Exposed objects](risk.md), one section for each layer. `..._field` names an "
+    "attribute that holds the value of each feature.",
     "run": "",
-    "output": "Output files: [outputs.md](outputs.md).",
+    "output": "[Output files](outputs.md).",
 }
+
+#: Meanings that another page explains; elsewhere the descriptions of the settings are used.
+_EXPLAINED = {
+    "terrain.block_scale_m": "[scale](terrain.md#flattening) below which terrain counts as "
+    "roughness (m); 0: never; default: mean diameter of the smallest block scenario",
+    "terrain.energy_line_angle_deg": "[fall lines](terrain.md#fall-lines) end where they sink "
+    "below this angle seen from the start (degrees); choose it lower than any run-out",
+    "terrain.path": "each block [finds its path](model.md#followed-paths), or all blocks of a "
+    "release point move on its [fall line](terrain.md#fall-lines)",
+    "blocks.volume_exponent": "b: the frequency of blocks larger than V falls as V^-b between the "
+    "limits of volume_m3; without it all volumes are equally likely",
+    "blocks.onset_unit": "per year in each release area, per year and hectare of it (in plan), or "
+    "per year and metre of release line",
+    "blocks.onset_above_m3": "with volume_exponent: onset_frequency counts blocks larger than this "
+    "(m3)",
+    "engine.readings": "named set of [modelling assumptions](model.md#two-sets-of-readings)",
+    "engine.eta_max_rule": "law of [impact](model.md#impact)",
+    "engine.slope_variation": "whether each impact varies the slope ([impact](model.md#impact))",
+    "engine.rolling_threshold": "a bounce below this share of the radius ends in a [soft "
+    "landing](model.md#impact)",
+    "engine.rolling": "law of [rolling](model.md#rolling-and-sliding)",
+    "engine.rolling_friction_sd": "scatter of [rolling friction](model.md#rolling-and-sliding) "
+    "between blocks",
+    "engine.outline_edges": "ratio of axes that edges add to the [outline](model.md#outline)",
+    "engine.outline_share": "share of a/b − 1 that acts in the plane of motion "
+    "([outline](model.md#outline))",
+    "engine.tipping": "whether a sliding block may [tip over](model.md#tipping) and roll",
+    "engine.corner": "shape that hits rising ground ([concave corners](model.md#concave-corners))",
+    "engine.side_tilt_deg": "scatter of the sideways tilt at impacts ([followed "
+    "paths](model.md#followed-paths), degrees)",
+    "engine.drift_deg": "scatter of the angle between path and descent ([followed "
+    "paths](model.md#followed-paths), degrees)",
+    "effects.air_drag.drag_coefficient": "C_d: 0.4 to 0.5 for a sphere, about 1 for a tumbling "
+    "block",
+    "effects.wind.acceleration_mps2": "horizontal, in flight, positive along the chainage (m/s2)",
+    "effects.trees.single_trees": "CSV table with columns x, y, dbh_cm, conifer_share (0 to 1), or "
+    "points with these attributes",
+    "effects.trees.species": "fir, spruce, conifers, broadleaved, larch, maple or beech; the "
+    "factors are not verified",
+    "effects.soft_ground.depth_law": "depth of the scar",
+    "hazard.preset": "[rules](presets.md) of intensity and level: ch-so, ti, or a TOML file",
+    "hazard.frequencies": "table (CSV) with columns area, scenario, frequency, unit: onset "
+    "frequencies of single release areas, in place of those of `[[blocks]]`",
+    "hazard.ref_width_m": "[reference width](hazard.md#source-and-rate) of all frequencies (m), "
+    "one cell or more; sassgis zone and batch need it",
+    "hazard.confidence": "share of all changes by [another "
+    "sample](hazard.md#what-another-sample-would-change) that uncertain cells hold",
+    "hazard.blocks": "release.rocks_per_point at each point, or [as many as the map "
+    "needs](hazard.md#as-many-blocks-as-a-map-needs)",
+    "hazard.changed_share_max": "with auto: largest share of the zoned area whose level another "
+    "sample may change; default: 0.02",
+    "hazard.blocks_max": "with auto: most blocks; default: 10 million",
+    "hazard.minutes_max": "with auto: longest simulation (minutes, about); default: 60",
+    "zones.closing_m": "gaps and slots up to this width are closed (m); default: that of the "
+    "preset, at least release.spacing_m",
+    "run.ground_uncertainty": "repetitions with other values of the ground classes "
+    "([bands](sensitivity.md#bands-by-the-spread-between-sites)); 0: none",
+}
+
+#: Sections whose keys stand, as far as they are the same, in another one.
+_LIKE = {"barriers": "stations"}
 
 
 def kind(annotation: Any) -> str:
@@ -82,7 +142,8 @@ def kind(annotation: Any) -> str:
     if origin in (Union, types.UnionType):
         return kind(next(a for a in get_args(annotation) if a is not type(None)))
     if origin is Literal:
-        return " or ".join(f'`"{a}"`' for a in get_args(annotation))
+        words = [f'`"{a}"`' for a in get_args(annotation)]
+        return " or ".join(words) if len(words) < 10 else f"{words[0]}, …, {words[-1]}"
     if origin is tuple:
         parts = get_args(annotation)
         if len(parts) == 2 and parts[1] is not Ellipsis:
@@ -94,7 +155,7 @@ def kind(annotation: Any) -> str:
         return "list of points" if kind(parts[0]) == "range" else "list of numbers"
     if origin is not None:
         return "table"
-    names = {str: "text", Path: "path", float: "number", int: "whole number", bool: "true or false"}
+    names = {str: "text", Path: "path", float: "number", int: "integer", bool: "boolean"}
     return names[annotation]
 
 
@@ -122,20 +183,34 @@ def limits(annotation: Any) -> str:
     return f", {low}" if own.gt is not None else f", ≥ {low}"
 
 
-def row(own: Declared) -> str:
-    """One key as a row of its section's table."""
+def meaning(section: str, own: Declared) -> str:
+    """What a key means, with a link where another page explains it."""
+    if own.name == "form":
+        return "law"
+    return _EXPLAINED.get(f"{section}.{own.name}", own.description)
+
+
+def row(section: str, own: Declared, *others: str) -> str:
+    """One key as a row of its section's table, with other keys that belong to it."""
     if own.is_required:
         default = "*needed*"
     elif own.default is None:
         default = "–"
     else:
         default = f"`{shown(own.default)}`"
-    text = own.description.replace("|", "\\|").removesuffix(".")
+    text = meaning(section, own).replace("|", "\\|").removesuffix(".")
     if re.match(r"A |[A-Z][a-z]", text):  # neither an abbreviation nor a symbol
         text = text[:1].lower() + text[1:]
     if own.old_name is not None:
-        text += f". Formerly `{own.old_name}`, which is read with a note for one version"
-    return f"| `{own.name}` | {kind(own.kind)}{limits(own.kind)} | {default} | {text} |"
+        text += f" (formerly `{own.old_name}`)"
+    name = f"`{own.name}`" + "".join(f", `{key}`" for key in others)
+    value = f"{kind(own.kind)}{limits(own.kind)}".removeprefix("number, ")
+    return f"| {name} | {value} | {default} | {text} |"
+
+
+def is_attribute(own: Declared) -> bool:
+    """Whether a key names the attribute that holds the value of another key."""
+    return own.description == f"attribute with {own.name.removesuffix('_field')}"
 
 
 def section(name: str, keys: Mapping[str, Declared]) -> str:
@@ -143,67 +218,160 @@ def section(name: str, keys: Mapping[str, Declared]) -> str:
     brackets = f"[[{name}]]" if name in LISTS else f"[{name}]"
     lines = [f"## `{brackets}`", ""]
     effect = name.removeprefix("effects.")
-    intro = _INTRO.get(name, f"Turns the effect on: [{effect}](effects.md#{effect}).")
+    intro = _INTRO.get(name, f"The effect [{effect}](effects.md#{effect}).")
     if intro:
         lines += [intro, ""]
+    if name in _LIKE:
+        like = declared_sections()[_LIKE[name]]
+        same = [
+            key
+            for key, own in keys.items()
+            if key in like and row(name, own) == row(name, like[key])
+        ]
+        names = ", ".join(f"`{key}`" for key in same)
+        lines += [f"{names}: as in [{_LIKE[name]}](#{_LIKE[name]}).", ""]
+        keys = {key: own for key, own in keys.items() if key not in same}
     lines += ["| key | value | default | meaning |", "|---|---|---|---|"]
-    lines += [row(own) for own in keys.values()]
+    attributes = {key for key, own in keys.items() if is_attribute(own)}
+    hidden = attributes | ({"layer"} if "file" in keys else set())
+    rows = {key: own for key, own in keys.items() if key not in hidden}
+    for key, own in rows.items():
+        with_it = [f"{key}_field"] if f"{key}_field" in attributes else []
+        if key == "file" and "layer" in keys:
+            with_it.append("layer")
+        lines.append(row(name, own, *with_it))
     return "\n".join(lines)
 
 
 def page() -> str:
     """The whole page of the configuration."""
-    sections = (section(name, keys) for name, keys in declared_sections().items())
+    declared = declared_sections()
+    unknown = _EXPLAINED.keys() - {f"{name}.{key}" for name in declared for key in declared[name]}
+    assert not unknown, unknown
+    sections = (section(name, keys) for name, keys in declared.items())
     return "\n\n".join([_HEAD.rstrip(), *sections]) + "\n"
 
 
 def effects_table() -> list[str]:
     """The effects, a row for each."""
-    rows = ["| effect | what it is | phase | forms |", "|---|---|---|---|"]
-    for name, own in EFFECTS.items():
-        form = own.keys.get("form")
-        forms = "" if form is None else kind(form.kind).replace(" or ", ", ").replace('"', "")
-        rows.append(f"| [`{name}`](#{name}) | {own.summary} | {own.phase} | {forms} |")
-    return rows
+    rows = (
+        f"| [`{name}`](#{name}) | {own.summary} | {own.phase} |" for name, own in EFFECTS.items()
+    )
+    return ["| effect | what it is | phase |", "|---|---|---|", *rows]
+
+
+#: What a cause leaves in the observations, in words of the field.
+_TRACES = {
+    "measurement_error": "speeds differ from positions over times of a path; impacts gain more "
+    "energy than the fall gives; a value is off at one station only; a stop lies off the fall "
+    "line of a rock that was on it at a station at most 30 m above",
+    "release_error": "path or first contacts begin more than 1.5 m and the errors from the stated "
+    "start, or more than 3 m above it; the lateral offset at the first station stays constant "
+    "below; speed is wrong on the first reach only",
+    "air_drag": "speed lost in flight, in proportion to the square of the speed over the size, "
+    "with C_d from 0.2 (or 0.5, by the errors) to 2",
+    "trees": "sudden loss of speed at least 0.8 m above the resting position, or of energy between "
+    "two impacts (more than 15 % and 3.5 standard deviations), on few flights; loss on one reach "
+    "only",
+    "fragmentation": "fragments under the name of a rock (R7.2); masses of the rocks missing "
+    "among the deposits and present in smaller blocks",
+    "entrainment": "more mass deposited than rocks came down",
+    "lateral_deflection": "turns at impacts, and lateral offsets that grow below the first "
+    "station, beyond the simulated ones and by more than 10° and 15 % of the path",
+    "soft_ground": "less rebound on one yielding ground only; large rocks stop early at the foot",
+    "roughness": "rebound scatters more than simulated, most for small rocks; small rocks are slow "
+    "on all reaches",
+    "rock_shape": "speed after impacts and on reaches depends on the flatness of the rock",
+    "contact_law": "fits certainly better than any ground values; part of the base model",
+}
 
 
 def causes_table() -> list[str]:
     """The causes that the diagnosis can name, a row for each."""
     rows = ["| cause | fingerprints | tables, any of |", "|---|---|---|"]
-    for cause in CAUSES.values():
+    for name, cause in CAUSES.items():
         taken = (own.tables for own in cause.statistics)
-        tables = dict.fromkeys(" and ".join(f"`{name}`" for name in own) for own in taken)
-        rows.append(f"| {cause.words[0]} | {cause.shown_by} | {'; '.join(tables)} |")
+        tables = dict.fromkeys(" + ".join(f"`{table}`" for table in own) for own in taken)
+        rows.append(
+            f"| {cause.words[0]} | {_TRACES.get(name, cause.shown_by)} | {'; '.join(tables)} |"
+        )
     return rows
 
 
+#: What the page says of tables and columns in place of their descriptions.
+_ABOUT = {
+    "rocks": "One row per rock that was released, or that fell from a known source.",
+    "stations": "Lines across the slope where passing rocks were measured. In a GeoPackage a line "
+    "may have more vertices.",
+    "passages": "One row per rock and station; without numbers if the rock passed unmeasured.",
+    "impacts": "One row per impact with known velocities before and after, from films or from "
+    "sensors in the rock. Velocities are those of the centre, in the vertical plane of motion, "
+    "along the ground and along its *outward* normal: an approaching rock has `vn_in_mps` below "
+    "zero. Where the path turns, those after the impact are along the new heading. A rolling "
+    "rock has positive spin.",
+    "contacts": "One row per contact with the ground, also where its place is not known: times and "
+    "spins from sensors in the rock, places from a positioning system.",
+    "deposits": "One row per deposited block, fragments included. A rock that broke has rows for "
+    "its fragments only; these pass stations under their names.",
+    "trajectories": "One row per rock and time.",
+    "rock_id": "name of the rock; R7.2 is a fragment of R7",
+    "rotation_hz": "revolutions per second, without sign",
+    "rotation_before_hz": "revolutions per second before the contact",
+    "rotation_after_hz": "revolutions per second after it",
+    "height_m": "vertical, from the ground to the centre; the resting height is included",
+    "slope_deg": "dip of the ground along the travel, over one or two metres",
+    "turn_deg": "change of the azimuth in plan, clockwise",
+    "omega_in_radps": "spin before; positive for a rolling rock",
+    "t_start_s": "start, from any zero of the clock of the rock",
+    "t_end_s": "end",
+    "speed_error_rel": "standard error of a speed, as a share of it (0.05: 5 %); at impacts of the "
+    "whole speed",
+    "stop_error_m": "standard error of the place of a stop; default: of a position",
+    "contact_min_interval_s": "contacts that follow sooner count as one",
+    "terrain_survey": "date, means and cell size of the terrain model",
+    "ground": "kind, depth and moisture of the ground by stretch; diameter of blocks on it",
+    "stops": "whether every rock has its stop, which left the survey, what held others",
+}
+
+
 def observation_tables() -> list[str]:
-    """The tables of observations and the keys of their metadata, each with its columns."""
-    rows = []
+    """The tables of observations and the keys of their metadata, each with its columns.
+
+    A column that means the same in several tables is described in the first one.
+    """
+    lines: list[str] = []
+    described: dict[tuple[str, str, str], str] = {}
     for name, columns in OBSERVED.items():
-        rows += [
+        new = [own for own in columns if (own.name, own.unit, own.meaning) not in described]
+        lines += [
             f"### `{name}`",
             "",
-            TABLE_TYPES[name].about,
+            _ABOUT.get(name, TABLE_TYPES[name].about),
             "",
-            *columns_table("column", columns),
+            *columns_table("column", new),
         ]
-    about = (
-        "Two columns, `key` and `value`. The last keys hold words for whoever uses the site later. "
-        "Other keys are passed on (`Metadata.others`)."
-    )
+        seen: dict[str, list[str]] = {}
+        for own in columns:
+            if own not in new:
+                table = described[own.name, own.unit, own.meaning]
+                seen.setdefault(table, []).append(f"`{own.name}`")
+        if seen:
+            as_in = "; ".join(f"{', '.join(own)} as in `{table}`" for table, own in seen.items())
+            lines += [f"Also {as_in}.", ""]
+        described |= {(own.name, own.unit, own.meaning): name for own in new}
+    about = "Columns `key` and `value`. Other keys are passed on (`Metadata.others`)."
     keys = columns_table("key", (*METADATA_KEYS.values(), *METADATA_TEXTS.values()))
-    return [*rows, "### `metadata`", "", about, "", *keys[:-1]]
+    return [*lines, "### `metadata`", "", about, "", *keys[:-1]]
 
 
 def columns_table(kind: str, columns: Iterable[Column]) -> list[str]:
-    """Columns with unit and meaning, and an empty line; coordinates of a point in one row."""
-    places: dict[tuple[str, str], list[str]] = {}
+    """Columns with their meaning, and an empty line; coordinates of a point in one row."""
+    places: dict[str, list[str]] = {}
     for own in columns:
-        meaning = re.sub(r": (x|y|height)$", "", own.meaning)
-        places.setdefault((own.unit or "–", meaning), []).append(f"`{own.name}`")
-    rows = (f"| {', '.join(names)} | {unit} | {text} |" for (unit, text), names in places.items())
-    return [f"| {kind} | unit | |", "|---|---|---|", *rows, ""]
+        about = re.sub(r": (x|y|height)$", "", _ABOUT.get(own.name, own.meaning))
+        places.setdefault(about, []).append(f"`{own.name}`")
+    rows = (f"| {', '.join(names)} | {text} |" for text, names in places.items())
+    return [f"| {kind} | |", "|---|---|", *rows, ""]
 
 
 #: Pages with a table that is made here, and the word of its marks.

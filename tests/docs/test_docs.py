@@ -106,7 +106,7 @@ def test_every_key_is_on_the_configuration_page(repository):
         part = re.search(rf"^## `\[+{section}\]+`$(.*?)(?=^## |\Z)", text, re.S | re.M)
         assert part, section
         for key in keys:
-            assert f"| `{key}` |" in part.group(1), f"{section}.{key}"
+            assert f"`{key}`" in part.group(1), f"{section}.{key}"
 
 
 def test_model_page_tells_every_reading_with_its_default(repository):
