@@ -54,7 +54,7 @@ def test_what_the_built_in_presets_share(name: str) -> None:
 
 
 def test_matrices_of_the_built_in_presets() -> None:
-    assert preset_names() == ("ch-so", "ti")
+    assert {"ch-so", "ti"} <= set(preset_names())
     assert matrix_of("ch-so") == FEDERAL
     assert matrix_of("ti") == FEDERAL
     assert read_preset("ch-so").matrix == swiss().matrix
