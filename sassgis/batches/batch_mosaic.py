@@ -294,8 +294,10 @@ def _write_one_block(
     if compares_barriers(config, run):
         without = simulation(without_barriers(job), without=True)
     names = [c.name for c in candidates]
-    found, published = write_zones(work, rules, done, without, names, tell, lambda _found: keep())
-    return found, published.warnings
+    found, (_, _, said) = write_zones(
+        work, rules, done, without, names, tell, first=lambda _found: keep()
+    )
+    return found, said
 
 
 def bytes_needed(place: Part, areas: Sequence[Reached], bins: Bins) -> int:
@@ -394,9 +396,7 @@ def _write_blocks(
         work, config, frame, maps.blocks, maps.terrain, vectors, extras, facts, (frame.bounds, ())
     )
     warnings = (*warnings, *left_out)
-    write_origin(
-        work, config, counts, warnings, seed=config.run.seed, grid=frame, origin=extras.origin
-    )
+    write_origin(work, config, counts, warnings, seed=config.run.seed, grid=frame, **extras.origin)
     return warnings
 
 

@@ -81,7 +81,7 @@ from sassgis.runs.gap_warnings import (
     scenario_warnings,
     stop_warnings,
 )
-from sassgis.runs.provenance import Origin, write_origin
+from sassgis.runs.provenance import write_origin
 from sassgis.runs.resumable_run import AnyConfig, configured, workers_asked
 from sassgis.settings.crs import crs_name
 from sassgis.settings.languages import in_language
@@ -425,7 +425,7 @@ def write_outputs(work: Path, case: Case, diagnosis: Diagnosis, config: Config) 
     }
     write_origin(
         work, config, counts, warnings, seed=diagnosis.seed, grid=case.grid, maps=False,
-        origin=Origin(observed_files(case)), settings={"diagnosis": found},
+        inputs=observed_files(case), settings={"diagnosis": found},
     )  # fmt: skip
 
 

@@ -22,7 +22,7 @@ from sassgis.outputs.frames import profile_passage_frame, profile_rock_frame, wr
 from sassgis.report.page import ReportContext, in_short, translated_report, write_report
 from sassgis.report.profile_report import profile_report
 from sassgis.runs.inputs import collected_notices, profile_from_csv, read_map_run
-from sassgis.runs.provenance import Origin, byline, provenance, write_origin
+from sassgis.runs.provenance import byline, provenance, write_origin
 from sassgis.runs.resumable_run import AnyConfig, configured
 from sassgis.settings.languages import in_language
 from sassgis.settings.map_run import Forest, MapRun
@@ -288,8 +288,8 @@ def run_profile(
             **{f"rocks_{r.name.lower()}": int((reasons == r).sum()) for r in StopReason},
         }
         # The profile, or the line under which it lies, if it is not that of the configuration.
-        origin = Origin({"profile": file} if (file := csv or line) else {})
-        write_origin(work, config, counts, warnings, seed=config.run.seed, origin=origin)
+        inputs = {"profile": file} if (file := csv or line) else {}
+        write_origin(work, config, counts, warnings, seed=config.run.seed, inputs=inputs)
     return ProfileRunResult(Path(out), result, tuple(warnings), report)
 
 

@@ -24,7 +24,7 @@ from sassgis.outputs.raster import write_over_relief
 from sassgis.report.page import translated_report, write_report
 from sassgis.report.variants_report import sensitivity_report
 from sassgis.runs.inputs import read_rules, states_frequencies
-from sassgis.runs.provenance import Origin, provenance, write_origin
+from sassgis.runs.provenance import provenance, write_origin
 from sassgis.runs.resumable_run import AnyConfig, Workplace, configured, read_job
 from sassgis.runs.variant_lab import VariantLab
 from sassgis.runs.zone import prepared
@@ -105,9 +105,7 @@ def sensitivity(
         few = max(_FEWEST_ROCKS, round(_ROCKS_SHARE * given)) if rocks is None else rocks
         run = replace(job.run, release=replace(job.run.release, rocks_per_point=few))
         check_starts(run, job.planned.points, lambda: job.planned, config.release.file)
-        lab = VariantLab(
-            replace(job, run=run), rules, Workplace(work, jobs, on_progress, tell)
-        )  # fmt: skip
+        lab = VariantLab(replace(job, run=run), rules, Workplace(work, jobs, on_progress, tell))
         varied, variants, findings = _simulated(lab, known, samples, tell)
         tell("Writing maps, tables and report")
         warnings = (*job.notices, *_warnings(rules, varied))
@@ -127,13 +125,10 @@ def sensitivity(
             write_table(work / "tables" / f"{name}.csv", [frame])
         with in_language(config.project.language):
             write_over_relief(
-                work,
-                run.grid,
-                layers,
-                group="Sensitivity to the ground",
+                work, run.grid, layers, group="Sensitivity to the ground",
                 title=translated(phrase("{}: sensitivity", config.project.name)),
                 abstract="How results change within the ranges of the ground classes",
-            )
+            )  # fmt: skip
             context = sensitivity_report(
                 config.project.name, run, found, maps, layers, samples, findings[0].blocks,
                 rules is not None, work / "figures",
@@ -153,11 +148,9 @@ def sensitivity(
             warnings,
             seed=run.seed,
             grid=run.grid,
-            origin=Origin(
-                {} if ranges is None else {"ranges": ranges},
-                "" if preset is None else preset.name,
-                {} if rules is None else {"hazard": run.ref_width_m},
-            ),
+            inputs={} if ranges is None else {"ranges": ranges},
+            preset="" if preset is None else preset.name,
+            hazard_width_m=None if rules is None else run.ref_width_m,
             settings={} if areas is None else {"areas": sorted(areas)},
         )
     return SensitivityResult(Path(out), varied, tuple(found), len(findings), warnings)
@@ -172,10 +165,7 @@ def _simulated(
     """
     tell("Simulating the classes as they are, and at their farthest")
     seed = lab.run.seed
-    variants = [
-        Variant(BASE), Variant(CHANCE, seed=seed + 1),
-        farthest(lab.ranges(rules, lab.everywhere())),
-    ]  # fmt: skip
+    variants = [Variant(BASE), Variant(CHANCE, seed=seed + 1), farthest(lab.ranges(rules))]
     findings = [lab.found(v) for v in variants]
     reached = np.unique(np.concatenate([f.cells for f in findings]))
     ranges = lab.ranges(rules, reached)

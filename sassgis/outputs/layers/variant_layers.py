@@ -58,15 +58,16 @@ def sensitivity_layers(
         "{} simulations with values that fill the ranges of all ground classes; the same blocks "
         "in each."
     )
-    place = Place(maps.cells, shape)
+    cells, all_bands = maps
+    place = Place(cells, shape)
     classes = {
         "level_could_be": () if preset is None else level_classes(preset),
         "strongest_parameter": _parameter_classes(
-            maps.bands["strongest_parameter"]["strongest"], ranges
+            all_bands["strongest_parameter"]["strongest"], ranges
         ),
     }
     layers = []
-    for key, bands in maps.bands.items():
+    for key, bands in all_bands.items():
         if preset is None and key.startswith("level"):
             continue
         shown = [
@@ -98,7 +99,8 @@ def spread_layers(
 
     The reference width (m) is that of the hazard level.
     """
-    place = Place(maps.cells, grid.shape)
+    cells, bands = maps
+    place = Place(cells, grid.shape)
     reach = next(row for row in STATISTICS if row.stem == "reach_probability")
     looks: dict[str, tuple[float, dict[str, Any]]] = {
         "ground_reach": (grid.cell_size, {"breaks": reach.breaks, "ramp": reach.ramp})
@@ -110,7 +112,7 @@ def spread_layers(
         for name, share in (("high", HIGH), ("low", LOW)):
             percent = f"{100 * share:g}"
             words: dict[str, Any] = {"percent": percent, "draws": draws, "width": f"{width:.4g}"}
-            values = maps.bands[key][name]
+            values = bands[key][name]
             # No block and no level are no 0, as on the maps of the run itself.
             own = place.map_of(np.where(values > 0, values.astype(float), np.nan))
             band = described_band(key, "value", own, **words)
@@ -123,17 +125,18 @@ def spread_vectors(
 ) -> tuple[VectorLayer, ...]:
     """Return areas that blocks reach in some and in most draws, and parts where levels change."""
     layers = []
-    level, low, high = (maps.bands["ground_level"][name] for name in ("base", "low", "high"))
+    cells, bands = maps
+    level, low, high = (bands["ground_level"][name] for name in ("base", "low", "high"))
     for key, other, which in (("higher", high, high > level), ("lower", low, low < level)):
         if preset is not None:
-            pieces = _pieces(maps.cells[which], level[which], other[which], grid)
+            pieces = _pieces(cells[which], level[which], other[which], grid)
             codes = [own.code for own in preset.levels]
             layer = level_changes(pieces, codes, grid.crs, f"level_changes.ground_{key}")
             layers.append(replace(layer, name=f"ground_level_{key}"))
-    place = Place(maps.cells, grid.shape)
+    place = Place(cells, grid.shape)
     labels, outlines = [], []
     for name, (label, _) in _REACHED.items():
-        reach = maps.bands["ground_reach"][name]
+        reach = bands["ground_reach"][name]
         own = footprints(place.map_of(np.where(reach > 0, reach, np.nan)), grid, [0.0])
         if own:
             labels.append(label)
