@@ -245,13 +245,12 @@ def test_an_area_that_was_changed_is_refused_until_it_is_moved_away(
 def test_what_areas_at_work_together_tell_of_saved_states_is_heard(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    def run(_setting, _candidate, _folder, _jobs, _step, tell) -> None:
-        tell("Simulating")
-        tell(unfit(Path("state.npz")))
+    def run(_setting, _candidate, place) -> None:
+        place.tell("Simulating")
+        place.tell(unfit(Path("state.npz")))
 
     monkeypatch.setattr(runs_batch, "run_area", run)
-    common = runs_batch._Common(None, Path())
-    told = runs_batch._alone(common, SimpleNamespace(stem="a")).told
+    *_, told = runs_batch.one_at_work((None, Path()), SimpleNamespace(stem="a"))
     assert told == (unfit(Path("state.npz")),)
 
 

@@ -194,7 +194,7 @@ def notices_of_area(slope: Slope) -> tuple[str, ...]:
     config = load_config(slope.config)
     areas = find_areas(config)
     setting, _ = batch_area.read_setting(config, areas, sums_only=True)
-    return batch_area._cut(setting, areas[0], (1, 1, 1, 1)).notices
+    return batch_area.area_window(setting, areas[0], (1, 1, 1, 1)).notices
 
 
 def profile(folder: Path, more: str = "", end_m: float = 100.0, rocks: int = 5) -> Path:
