@@ -107,7 +107,7 @@ def read_setting(
         check_no_edits(config.edits)
         table = read_ground_table(config.ground.classes, config.engine.readings)
         control_lines = tuple(read_control_lines(config, outline))
-        empty = map_run_of(config, outline, no_ground(outline), table, (), control_lines, None)
+        empty = map_run_of(config, outline, no_ground(outline), table, control_lines=control_lines)
         # The table of frequencies is read by area, with the names of all.
         hazard = replace(config.hazard, frequencies=None)
         rules = read_rules(replace(config, hazard=hazard), empty)
@@ -272,7 +272,10 @@ def area_window(setting: Setting, candidate: Candidate, margins: Sides) -> Windo
             grid = terrain.read(part)
             lines = [setting.control_lines[i] for i in _control_lines_in(setting, grid)]
             # Ground and forest are of no account for fall lines.
-            return map_run_of(config, grid, no_ground(grid), setting.table, (area,), lines, None)
+            ground = no_ground(grid)
+            return map_run_of(
+                config, grid, ground, setting.table, control_lines=lines, areas=(area,)
+            )
 
         width = setting.rules.ref_width_m
         cut = windowed(terrain, feature.geometry.bounds, width, make, margins=margins)

@@ -199,8 +199,9 @@ def _mosaic(setting: Setting, areas: Sequence[Reached]) -> Mosaic:
     bins = bins_for(high - low, config.blocks, config.engine, rules.preset.thresholds_kj)
     # One cell is enough where only settings count: processes get all cells of a grid in full.
     cell = terrain.frame(Part(0, 0, 1, 1))
+    lines = setting.control_lines
     run = replace(
-        map_run_of(config, cell, no_ground(cell), setting.table, (), setting.control_lines, None),
+        map_run_of(config, cell, no_ground(cell), setting.table, control_lines=lines),
         thresholds_kj=rules.preset.thresholds_kj,
         ref_width_m=rules.ref_width_m,
         rounds=(Round(0, max(a.record.repetitions for a in areas)),),

@@ -77,21 +77,19 @@ def sensitivity(
 ) -> SensitivityResult:
     """Simulate a configuration with the values that its ground classes might have.
 
-    Levels need onset frequencies; without them only reach and energy are compared.
+    Levels need onset frequencies; without them only reach and energy are compared. An interrupted
+    call leaves what it simulated next to ``out``; the same call goes on from there.
 
     Parameters
     ----------
-    out : path
-        Folder of the result; appears whole or not at all. An interrupted call leaves what it
-        simulated next to it; the same call goes on from there.
     samples : int
         Simulations with values that fill all ranges at once.
     rocks : int, optional
         Blocks of each release point in each simulation; default: a fifth of the configured ones.
     ranges : Path, optional
         Own table of ranges, before the built-in one; default: that of the configuration.
-    overwrite, areas, seed, jobs, on_progress, say
-        As for sassgis.runs.run.run; progress counts simulations.
+    on_progress : callable, optional
+        As for sassgis.runs.run.run; counts simulations.
     """
     config = configured(config, seed)
     tell = say or (lambda _text: None)
@@ -136,23 +134,17 @@ def sensitivity(
             facts = provenance(config) | {"Configuration": config.label}
             context = replace(context, warnings=warnings, provenance=tuple(facts.items()))
             write_report(work / "report.html", translated_report(context))
+        counts = {
+            "simulations": len(findings), "ranges": len(varied), "rocks_per_point": few,
+            "rocks_per_simulation": findings[0].blocks,
+        }  # fmt: skip
         write_origin(
-            work,
-            config,
-            {
-                "simulations": len(findings),
-                "ranges": len(varied),
-                "rocks_per_point": run.release.rocks_per_point,
-                "rocks_per_simulation": findings[0].blocks,
-            },
-            warnings,
-            seed=run.seed,
-            grid=run.grid,
+            work, config, counts, warnings, seed=run.seed, grid=run.grid,
             inputs={} if ranges is None else {"ranges": ranges},
             preset="" if preset is None else preset.name,
             hazard_width_m=None if rules is None else run.ref_width_m,
             settings={} if areas is None else {"areas": sorted(areas)},
-        )
+        )  # fmt: skip
     return SensitivityResult(Path(out), varied, tuple(found), len(findings), warnings)
 
 
@@ -170,10 +162,8 @@ def _simulated(
     reached = np.unique(np.concatenate([f.cells for f in findings]))
     ranges = lab.ranges(rules, reached)
     if not ranges:
-        met = ", ".join(lab.classes(reached))
-        raise InputError(
-            "no range to vary", found=f"ground classes {met}", expected="ranges of them"
-        )
+        met = "ground classes " + ", ".join(lab.classes(reached))
+        raise InputError("no range to vary", found=met, expected="ranges of them")
     more = [*ends_of(ranges), *filling(ranges, samples, seed)]
     lab.total = len(variants) + len(more)
     tell(f"Simulating {len(ranges)} ranges alone and {samples} points of all")
