@@ -27,14 +27,7 @@ from sassgis.batches.batch_area import (
 )
 from sassgis.batches.batch_mosaic import MOSAIC_NAME, write_mosaic
 from sassgis.batches.batch_state import RECORD_NAME, Record
-from sassgis.errors import (
-    ConfigError,
-    InputError,
-    OutputError,
-    SassgisError,
-    chain,
-    of_the_system,
-)
+from sassgis.errors import ConfigError, InputError, OutputError, SassgisError, chain, of_the_system
 from sassgis.files.atomic_output import check_output, writing
 from sassgis.files.saved_arrays import UNFIT
 from sassgis.hazard.assess import Assessment, Rules

@@ -130,9 +130,7 @@ def write_state(path: Path, progress: Progress, run: MapRun) -> None:
 
 
 def read_state(
-    area: Reached,
-    without: bool = False,
-    wanted: Callable[[str], bool] = lambda _name: True,
+    area: Reached, without: bool = False, wanted: Callable[[str], bool] = lambda _name: True
 ) -> dict[str, NDArray[Any]]:
     """Read what write_state wrote into the folder of an area, or what is wanted of it.
 

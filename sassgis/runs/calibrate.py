@@ -40,12 +40,7 @@ from sassgis.outputs.manifest import write_manifest
 from sassgis.report.calibration_report import calibration_report, calibration_warnings
 from sassgis.report.page import translated_report, write_report
 from sassgis.runs.draw_store import DrawStore
-from sassgis.runs.gap_case import (
-    comparable,
-    observations_name,
-    observed_files,
-    read_case,
-)
+from sassgis.runs.gap_case import comparable, observations_name, observed_files, read_case
 from sassgis.runs.gap_warnings import scenario_warnings
 from sassgis.runs.inputs import input_files
 from sassgis.runs.resumable_run import AnyConfig, configured, workers_asked

@@ -161,6 +161,8 @@ def progress_from(
     at_lines, sources = counts_from(state, n_cells, control_lines)
     worth = _group(state, "worth")
     furthest: Any = (*state["furthest_m"].tolist(), *state["furthest_rock"].tolist())
+    plain: dict[str, Any] = {name: np.array(state[name]) for name in _ARRAYS}
+    plain |= {name: kind(state[name]) for name, kind in _NUMBERS.items()}
     return Progress(
         sums=MapSums.from_state(n_cells, _group(state, "sums")),
         control_lines=at_lines,
@@ -176,8 +178,7 @@ def progress_from(
         sources=sources,
         lines=[FallLines(**_group(state, "lines"))],
         stops=[BlockRows(**_group(state, "stops"))],
-        **{name: np.array(state[name]) for name in _ARRAYS},
-        **{name: kind(state[name]) for name, kind in _NUMBERS.items()},
+        **plain,
     )
 
 

@@ -322,11 +322,7 @@ def _control_line_rows(both: _Both) -> Iterator[ChangeRow]:
 
 
 def _object_rows(
-    both: _Both,
-    maps: Sequence[ComparedMap],
-    names: Sequence[str],
-    cells: IntArray,
-    owner: IntArray,
+    both: _Both, maps: Sequence[ComparedMap], names: Sequence[str], cells: IntArray, owner: IntArray
 ) -> Iterator[ChangeRow]:
     """Yield the loads on each object; 0 where no block arrives."""
     # Energy and height are those of all blocks that reach it, where both results have them, else,

@@ -295,9 +295,7 @@ def test_what_is_no_point_no_site_and_no_observation_is_one_line() -> None:
     config = sassgis.sample_folder() / "valley" / "config.toml"
     wrong: dict[str, Any] = {
         r"point: is no point .*expected \(x, y\)": lambda: sassgis.profile(
-            dem=(plane(), PLACE, "EPSG:2056"),
-            point=point,
-            blocks=BLOCK,
+            dem=(plane(), PLACE, "EPSG:2056"), point=point, blocks=BLOCK
         ),
         r"sites: cannot be used .*\(configuration, observations\)": lambda: sassgis.calibrate(
             "sassgis.toml"

@@ -75,17 +75,6 @@ def test_scenarios_with_names_that_begin_alike_draw_apart(bedrina: Path) -> None
     assert len(result.paths) == 2 * result.drawn == 60
 
 
-def test_the_wind_acts_on_a_profile(bedrina: Path) -> None:
-    config = load_config(bedrina)
-    profile = profile_from_csv(config)
-    means = []
-    for acceleration in (-2.0, 0.0, 2.0):
-        blown = load_config(bedrina, {"effects.wind": {"acceleration_mps2": acceleration}})
-        means.append(simulate_profile(blown, profile, rocks=60).rocks["max_speed_mps"].mean())
-    assert means[0] < means[1] < means[2]
-    assert means[1] == simulate_profile(config, profile, rocks=60).rocks["max_speed_mps"].mean()
-
-
 def test_shares_and_histograms_count_the_passages(bedrina: Path) -> None:
     result = simulate_profile(load_config(bedrina), profile_from_csv(load_config(bedrina)))
     histogram = passage_histogram(result, "camera 2", "speed_mps", (0.0, 15.0, 100.0), "m/s")
