@@ -54,17 +54,6 @@ def test_a_profile_from_a_table_leaves_all_its_files(bedrina: Path, tmp_path: Pa
     assert "<td>1986</td>" in (tmp_path / "out" / "report.html").read_text(encoding="utf-8")
 
 
-def test_equal_seeds_give_equal_profiles_and_others_do_not(bedrina: Path) -> None:
-    config = load_config(bedrina)
-    profile = profile_from_csv(config)
-    first, again, other = (
-        simulate_profile(replace(config, run=replace(config.run, seed=s)), profile, rocks=10)
-        for s in (1, 1, 2)
-    )
-    assert first.rocks.tobytes() == again.rocks.tobytes()
-    assert (first.rocks["mass_kg"] != other.rocks["mass_kg"]).all()
-
-
 def test_scenarios_with_names_that_begin_alike_draw_apart(bedrina: Path) -> None:
     config = load_config(bedrina)
     twins = tuple(replace(config.blocks[0], name=f"blocks of {n}") for n in ("one", "two"))
