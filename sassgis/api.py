@@ -86,12 +86,8 @@ def simulate(
         Reference width of hazard curves (m). Without it there are no counts for zones.
     seed : int
         The same seed gives the same blocks.
-    jobs : int, optional
-        Processor cores; default: all.
-    on_progress : callable, optional
-        Called with chunks done, chunks in all, and blocks done.
-    say : callable, optional
-        Called with a line of text now and then.
+    jobs, on_progress, say
+        As for sassgis.run; default: all cores.
     **sections
         Further sections of the configuration, as ``engine={"readings": "1986"}``.
 
@@ -107,8 +103,7 @@ def simulate(
     Raises
     ------
     ConfigError, InputError
-        An input or a setting cannot be used: one line with its key, what was found and what was
-        expected.
+        An input or a setting cannot be used.
 
     Examples
     --------
@@ -287,14 +282,9 @@ def hazard_maps(
         hazard.curves, hazard.chances, own.preset, grid, own.ref_width_m,
         return_periods=own.preset.return_periods, confidence=confidence,
     )  # fmt: skip
-    kept = ("title", "source", "seed", "ref_width_m")
-    facts = {key: ds.attrs.get(key) for key in kept}
-    facts |= {
-        "preset": own.preset.name,
-        "changed_share": hazard.changed_share,
-        "uncertain_share": hazard.uncertain_share,
-    }
-    return maps_dataset(layers, grid, facts)
+    facts = {key: ds.attrs.get(key) for key in ("title", "source", "seed", "ref_width_m")}
+    shares = {name: getattr(hazard, name) for name in ("changed_share", "uncertain_share")}
+    return maps_dataset(layers, grid, facts | {"preset": own.preset.name} | shares)
 
 
 def profile(
@@ -330,10 +320,6 @@ def profile(
         Chainages between which blocks start (m); default: the first of the profile.
     n_blocks : int, optional
         Blocks of each block scenario; default: 100.
-
-    Raises
-    ------
-    ConfigError, InputError
 
     Examples
     --------

@@ -27,21 +27,14 @@ from sassgis.batches.batch_area import (
 )
 from sassgis.batches.batch_mosaic import MOSAIC_NAME, write_mosaic
 from sassgis.batches.batch_state import RECORD_NAME, Record
-from sassgis.errors import (
-    ConfigError,
-    InputError,
-    OutputError,
-    SassgisError,
-    chain,
-    of_the_system,
-)
+from sassgis.errors import ConfigError, InputError, OutputError, SassgisError, chain, of_the_system
 from sassgis.files.atomic_output import check_output, writing
 from sassgis.files.saved_arrays import UNFIT
 from sassgis.hazard.assess import Assessment, Rules
 from sassgis.inputs.config import load_config
 from sassgis.inputs.vectors import release_features
 from sassgis.outputs.batch_summary import BatchSummary
-from sassgis.runs.resumable_run import configured, workers_asked
+from sassgis.runs.resumable_run import Workplace, configured, workers_asked
 from sassgis.settings.labels import file_stems
 from sassgis.settings.run_config import Config
 from sassgis.settings.schema import InMemory, Input
@@ -63,24 +56,19 @@ _PROCESS = 800 << 20
 _AREAS_PER_CORE = 4
 
 
+#: Outcome of an area: its record, or why it is skipped; the seconds that it took; and what there
+#: was to say of saved states in a process that nobody listens to.
+AreaOutcome = tuple[Record | None, str, float, tuple[str, ...]]
+
+
 @dataclass(frozen=True, slots=True)
 class BatchResult:
-    """Result of a batch.
-
-    Attributes
-    ----------
-    summary : DataFrame
-        A row per release area, as in ``summary.csv``.
-    found : Assessment or None
-        Of the mosaic; None if it was there already.
-    warnings : tuple of str
-        Of the mosaic, and the areas that were skipped.
-    """
+    """Result of a batch."""
 
     folder: Path
-    summary: Any
-    found: Assessment | None
-    warnings: tuple[str, ...]
+    summary: Any  # DataFrame with a row per release area, as in ``summary.csv``
+    found: Assessment | None  # of the mosaic; None if it was there already
+    warnings: tuple[str, ...]  # of the mosaic, and the areas that were skipped
 
 
 def batch(
@@ -124,11 +112,7 @@ def batch(
 
     Raises
     ------
-    ConfigError, InputError
-        If what all areas share cannot be used, or no area could be run.
-    OutputError
-        If a result exists already, or one that is due to be replaced holds a file that no run
-        wrote; or the disk is full or not writable.
+    ConfigError, InputError, OutputError
     Interrupted
         If the user stops the batch; what was computed is kept.
     """
@@ -152,13 +136,13 @@ def batch(
     running = outcomes(setting, waiting, folder, jobs, on_progress, tell, memory_bytes)
     try:
         with closing(running):
-            for candidate, outcome in zip(waiting, running, strict=True):
-                if outcome.record is None:
-                    tell(f"{candidate.name} is skipped: {outcome.reason}")
-                    summary.skipped(_folder(candidate), outcome.reason)
+            for candidate, (record, reason, seconds, _) in zip(waiting, running, strict=True):
+                if record is None:
+                    tell(f"{candidate.name} is skipped: {reason}")
+                    summary.skipped(_folder(candidate), reason)
                 else:
-                    _note(summary, candidate, outcome.record, outcome.seconds)
-                    records[candidate.stem] = outcome.record
+                    _note(summary, candidate, record, seconds)
+                    records[candidate.stem] = record
                 summary.write_now_and_then()
     finally:
         summary.write()
@@ -285,12 +269,7 @@ def find_areas(config: Config) -> list[Candidate]:
     """Return all release areas that the configuration names, by name; shapes are not looked at.
 
     ``release.file`` may be a folder: then an area is named by its ``name_field`` or, in files
-    without it, by the file.
-
-    Raises
-    ------
-    InputError
-        If a single file cannot be used, or a folder holds no vector file.
+    without it, by the file. InputError: a single file cannot be used, or a folder holds none.
     """
     path = config.release_source
     named: list[tuple[str, ReleaseSettings, int, str]] = []
@@ -305,18 +284,14 @@ def find_areas(config: Config) -> list[Candidate]:
             named.append((file.stem, release, 0, str(error)))
     counts = Counter(name for name, _, _, _ in named)
     named.sort(key=lambda n: (n[0], str(n[1].file), n[2]))
+    found = []
     stems = file_stems([name for name, _, _, _ in named])
-    return [
-        Candidate(
-            name,
-            stem,
-            release,
-            number,
-            problem or (f"{release.file}: name is used {counts[name]} times ({name!r}; expected "
-                        "names that differ)" if counts[name] > 1 else ""),
-        )
-        for (name, release, number, problem), stem in zip(named, stems, strict=True)
-    ]  # fmt: skip
+    for (name, release, number, problem), stem in zip(named, stems, strict=True):
+        if not problem and counts[name] > 1:
+            times = f"{counts[name]} times ({name!r}; expected names that differ)"
+            problem = f"{release.file}: name is used {times}"
+        found.append(Candidate(name, stem, release, number, problem))
+    return found
 
 
 def _release_files(config: Config, folder: Path) -> list[Path]:
@@ -373,27 +348,6 @@ def _named(release: ReleaseSettings, by_file: bool) -> list[tuple[str, ReleaseSe
     return out
 
 
-@dataclass(frozen=True, slots=True)
-class AreaOutcome:
-    """Outcome of an area: its record, or why it is skipped; and the seconds that it took.
-
-    What there was to say of saved states comes with it from a process that nobody listens to.
-    """
-
-    record: Record | None
-    reason: str
-    seconds: float
-    told: tuple[str, ...] = ()
-
-
-@dataclass(frozen=True, slots=True)
-class _Common:
-    """Data common to the areas."""
-
-    setting: Setting
-    folder: Path
-
-
 def outcomes(
     setting: Setting,
     candidates: Sequence[Candidate],
@@ -403,36 +357,27 @@ def outcomes(
     tell: Callable[[str], None],
     memory_bytes: int | None = None,
 ) -> Generator[AreaOutcome, None, None]:
-    """Run areas; outcomes come in the order of the areas.
+    """Run areas into the folder of the batch; outcomes come in the order of the areas.
 
     A few areas share all cores one after the other. Of many, as many are at work as there are
     cores, and progress is that of the batch: areas done, areas in all, blocks.
-
-    Parameters
-    ----------
-    folder : Path
-        Of the batch.
-    jobs, on_progress, tell
-        As for sassgis.runs.run.run.
-    memory_bytes : int, optional
-        What all processes together may take.
     """
     asked = workers_asked(setting.config, jobs)
-    common = _Common(setting, folder)
     n = len(candidates)
     at_once = _at_once(setting, jobs, memory_bytes, n)
     if at_once < 2:
         for i, candidate in enumerate(candidates, start=1):
             tell(f"Area {i} of {n}: {candidate.name}")
-            yield _outcome(common, candidate, asked, on_progress, tell)
+            yield _outcome((setting, folder), candidate, asked, on_progress, tell)
         return
     tell(f"Running {n} areas, {at_once} at a time")
     rocks = 0
-    with task_map(common, at_once) as each:
-        for i, outcome in enumerate(each(_alone, candidates), start=1):
-            for text in outcome.told:
+    with task_map((setting, folder), at_once) as each:
+        for i, outcome in enumerate(each(one_at_work, candidates), start=1):
+            record, _, _, told = outcome
+            for text in told:
                 tell(text)
-            rocks += 0 if outcome.record is None else outcome.record.rocks
+            rocks += 0 if record is None else record.rocks
             if on_progress is not None:
                 on_progress(i, n, rocks)
             yield outcome
@@ -447,15 +392,15 @@ def _at_once(setting: Setting, jobs: Jobs, memory_bytes: int | None, n: int) -> 
     return max(at_once, 1) if n >= _AREAS_PER_CORE * at_once else 1
 
 
-def _alone(common: _Common, candidate: Candidate) -> AreaOutcome:
+def one_at_work(common: tuple[Setting, Path], candidate: Candidate) -> AreaOutcome:
     """Zone one area in a separate process on one core."""
     told: list[str] = []
-    outcome = _outcome(common, candidate, 1, None, told.append)
-    return replace(outcome, told=tuple(text for text in told if text.startswith(UNFIT)))
+    record, reason, seconds, _ = _outcome(common, candidate, 1, None, told.append)
+    return record, reason, seconds, tuple(text for text in told if text.startswith(UNFIT))
 
 
 def _outcome(
-    common: _Common,
+    common: tuple[Setting, Path],
     candidate: Candidate,
     jobs: Jobs,
     on_progress: OnProgress | None,
@@ -463,12 +408,13 @@ def _outcome(
 ) -> AreaOutcome:
     began = time.perf_counter()
     record, reason = None, ""
-    own = common.folder / AREAS_NAME / candidate.stem
+    setting, folder = common
+    place = Workplace(folder / AREAS_NAME / candidate.stem, jobs, on_progress, tell)
     try:
-        record = run_area(common.setting, candidate, own, jobs, on_progress, tell)
+        record = run_area(setting, candidate, place)
     except Exception as error:
         reason = _why_skipped(error)
-    return AreaOutcome(record, reason, time.perf_counter() - began)
+    return record, reason, time.perf_counter() - began, ()
 
 
 def _why_skipped(error: Exception) -> str:

@@ -63,7 +63,7 @@ from sassgis.settings.settings import ReleaseSettings
 from sassgis.settings.statistics_table import SUM_NAMES
 from sassgis.simulation.accumulators import Progress
 from sassgis.simulation.loop import TerrainTooSmall
-from sassgis.simulation.workers import Jobs, OnProgress, task_map
+from sassgis.simulation.workers import task_map
 from sassgis.terrain.release import meeting, wkb_hex
 
 AREAS_NAME = "areas"
@@ -71,70 +71,33 @@ AREAS_NAME = "areas"
 
 @dataclass(frozen=True, slots=True)
 class Candidate:
-    """A release area that a batch is to run.
-
-    Attributes
-    ----------
-    stem : str
-        Name of its folder.
-    release : ReleaseSettings
-        Section ``[release]`` with the file and fields of this area.
-    number : int
-        Place in the layer, counted from 1.
-    problem : str
-        Why it cannot be run; empty if nothing is known against it.
-    """
+    """A release area that a batch is to run."""
 
     name: str
-    stem: str
-    release: ReleaseSettings
-    number: int
-    problem: str = ""
+    stem: str  # name of its folder
+    release: ReleaseSettings  # with the file and fields of this area
+    number: int  # place in the layer, counted from 1
+    problem: str = ""  # why it cannot be run; empty if nothing is known against it
 
 
 @dataclass(frozen=True, slots=True)
 class Setting:
-    """Data shared by all areas of a batch.
-
-    Attributes
-    ----------
-    control_lines : tuple of (ControlLine, float64 array of shape (k, 2))
-    rules : Rules
-        With all exposed objects, and no frequencies.
-    names : tuple of str
-        Of all areas.
-    digest : str
-        Of the settings and of all files but terrain and release areas.
-    sums_only : bool
-        Whether areas keep only what the mosaic is made of.
-    """
+    """Data shared by all areas of a batch."""
 
     config: Config
     terrain: Terrain
     table: GroundTable
     control_lines: tuple[tuple[ControlLine, FloatArray], ...]
-    rules: Rules
-    names: tuple[str, ...]
-    digest: str
-    sums_only: bool
-
-    def outline(self) -> Grid:
-        """Return the whole terrain model without heights.
-
-        It is made anew, as processes would get it in full.
-        """
-        return self.terrain.outline()
+    rules: Rules  # with all exposed objects, and no frequencies
+    names: tuple[str, ...]  # of all areas
+    digest: str  # of the settings and of all files but terrain and release areas
+    sums_only: bool  # whether areas keep only what the mosaic is made of
 
 
 def read_setting(
     config: Config, candidates: Sequence[Candidate], sums_only: bool
 ) -> tuple[Setting, tuple[str, ...]]:
-    """Read and check what all areas share.
-
-    Raises
-    ------
-    ConfigError, InputError
-    """
+    """Read and check what all areas share; what the readers had to say comes with it."""
     names = tuple(dict.fromkeys(c.name for c in candidates))
     with collected_notices() as notices:
         own = config.terrain
@@ -144,7 +107,7 @@ def read_setting(
         check_no_edits(config.edits)
         table = read_ground_table(config.ground.classes, config.engine.readings)
         control_lines = tuple(read_control_lines(config, outline))
-        empty = map_run_of(config, outline, no_ground(outline), table, (), control_lines, None)
+        empty = map_run_of(config, outline, no_ground(outline), table, control_lines=control_lines)
         # The table of frequencies is read by area, with the names of all.
         hazard = replace(config.hazard, frequencies=None)
         rules = read_rules(replace(config, hazard=hazard), empty)
@@ -175,16 +138,10 @@ def shared_digest(config: Config) -> str:
 
 
 def area_feature(setting: Setting, candidate: Candidate) -> Feature:
-    """Return the feature of an area, checked against the terrain model.
-
-    Raises
-    ------
-    InputError
-        It cannot be used.
-    """
+    """Return the feature of an area, checked against the terrain model."""
     if candidate.problem:
         raise InputError(candidate.problem)
-    return read_release_feature(candidate.release, candidate.number, setting.outline())
+    return read_release_feature(candidate.release, candidate.number, setting.terrain.outline())
 
 
 def _area_on(
@@ -233,15 +190,7 @@ def kept_areas(
 ) -> dict[str, Record]:
     """Return areas that are complete and were made from the same settings and inputs.
 
-    Parameters
-    ----------
-    at_once : int
-        Processes that look at them.
-
-    Raises
-    ------
-    OutputError
-        If a result exists already.
+    So many processes look at them at once. OutputError: there is another result.
     """
     kept = {}
     folders = [folder / AREAS_NAME / c.stem for c in candidates]
@@ -284,15 +233,8 @@ def _kept(setting: Setting, there: tuple[Candidate, Path]) -> tuple[Record | Non
     return (record if same else None), told
 
 
-def run_area(
-    setting: Setting,
-    candidate: Candidate,
-    folder: Path,
-    jobs: Jobs,
-    on_progress: OnProgress | None,
-    tell: Callable[[str], None],
-) -> Record:
-    """Return zone one area into its folder.
+def run_area(setting: Setting, candidate: Candidate, place: Workplace) -> Record:
+    """Zone one area into its folder, which is that of the workplace.
 
     Where followed paths or fall lines come to the edge of its part of the terrain, it begins anew
     on a wider one.
@@ -301,26 +243,22 @@ def run_area(
     # What is read now may be another file than at the beginning of the batch.
     setting = replace(setting, digest=shared_digest(setting.config))
     while True:
-        cut = _cut(setting, candidate, margins)
+        cut = area_window(setting, candidate, margins)
         try:
-            return _run_cut(setting, candidate, cut, folder, jobs, on_progress, tell)
+            return _run_cut(setting, candidate, cut, place)
         except TerrainTooSmall as small:
-            tell("Paths leave this part of the terrain. Repeating on a wider one")
+            place.tell("Paths leave this part of the terrain. Repeating on a wider one")
             margins = cut.wider(small.sides)
 
 
 def _own_config(setting: Setting, candidate: Candidate) -> Config:
     """Return the configuration for one area."""
-    return replace(
-        setting.config,
-        release=candidate.release,
-        project=replace(
-            setting.config.project, name=f"{setting.config.project.name}: {candidate.name}"
-        ),
-    )
+    project = setting.config.project
+    named = replace(project, name=f"{project.name}: {candidate.name}")
+    return replace(setting.config, release=candidate.release, project=named)
 
 
-def _cut(setting: Setting, candidate: Candidate, margins: Sides) -> Windowed:
+def area_window(setting: Setting, candidate: Candidate, margins: Sides) -> Windowed:
     """Return the run of an area on its part of the terrain, with ground and forest."""
     config = _own_config(setting, candidate)
     with collected_notices() as notices:
@@ -334,35 +272,27 @@ def _cut(setting: Setting, candidate: Candidate, margins: Sides) -> Windowed:
             grid = terrain.read(part)
             lines = [setting.control_lines[i] for i in _control_lines_in(setting, grid)]
             # Ground and forest are of no account for fall lines.
-            return map_run_of(config, grid, no_ground(grid), setting.table, (area,), lines, None)
+            ground = no_ground(grid)
+            return map_run_of(
+                config, grid, ground, setting.table, control_lines=lines, areas=(area,)
+            )
 
-        cut = windowed(
-            terrain,
-            feature.geometry.bounds,
-            setting.rules.ref_width_m,
-            make,
-            margins=margins,
-        )
+        width = setting.rules.ref_width_m
+        cut = windowed(terrain, feature.geometry.bounds, width, make, margins=margins)
         check_heights(cut.run.grid, config.dem_source)
+        whole = setting.terrain.outline()
         run = replace(
             on_block_scale(cut.run),
-            ground=ground_raster(config.ground, cut.run.grid, setting.table, setting.outline()),
-            forest=forest_of(config, cut.run.grid, setting.outline()),
+            ground=ground_raster(config.ground, cut.run.grid, setting.table, whole),
+            forest=forest_of(config, cut.run.grid, whole),
         )
     return replace(cut, run=run, notices=tuple(notices))
 
 
-def _run_cut(
-    setting: Setting,
-    candidate: Candidate,
-    cut: Windowed,
-    folder: Path,
-    jobs: Jobs,
-    on_progress: OnProgress | None,
-    tell: Callable[[str], None],
-) -> Record:
-    """Return zone one area on its part of the terrain."""
-    config, run = _own_config(setting, candidate), cut.run
+def _run_cut(setting: Setting, candidate: Candidate, cut: Windowed, place: Workplace) -> Record:
+    """Zone one area on its part of the terrain."""
+    config, run, folder = _own_config(setting, candidate), cut.run, place.folder
+    assert folder is not None
     frequencies = yearly_frequencies(config, run.areas, setting.names)
     placed = setting.rules.placed
     objects = meeting(placed.geometries, run.grid)
@@ -376,8 +306,8 @@ def _run_cut(
     )
     job = prepared(Job(config, run, cut.planned, cut.notices), rules)
     with staged_output(folder, overwrite=True) as work:
-        place = Workplace(work, jobs, on_progress, tell)
-        done, without = simulations(job, rules, place, sums_only=setting.sums_only)
+        here = replace(place, folder=work)
+        done, without = simulations(job, rules, here, sums_only=setting.sums_only)
         if run.followed:
             met = near_edge(cut, setting.terrain, rules.ref_width_m, done.progress.lines)
             if any(met):
@@ -418,25 +348,19 @@ def _run_cut(
             record = replace(record, zones_m2=_zones_m2(found, rules))
             write_record(work, record)
 
-        write_zones(work, rules, done, without, [candidate.name], tell, keep)
+        write_zones(work, rules, done, without, [candidate.name], place.tell, first=keep)
     return record
 
 
 def _write_sums_manifest(work: Path, config: Config, done: Simulation) -> None:
     """Write what makes the sums of an area a result; its inputs are listed with the mosaic."""
+    grid = done.run.grid
     write_manifest(
-        work / MANIFEST_NAME,
-        inputs={},
-        base=config.base,
-        crs=done.run.grid.crs,
-        vertical_datum=done.run.grid.vertical_datum,
-        seed=done.run.seed,
-        ref_widths_m={"hazard": done.run.ref_width_m},
-        preset="",
-        settings={},
-        counts={"rocks": int(done.progress.reasons.sum())},
-        warnings=done.warnings,
-    )
+        work / MANIFEST_NAME, inputs={}, base=config.base, crs=grid.crs,
+        vertical_datum=grid.vertical_datum, seed=done.run.seed,
+        ref_widths_m={"hazard": done.run.ref_width_m}, preset="", settings={},
+        counts={"rocks": int(done.progress.reasons.sum())}, warnings=done.warnings,
+    )  # fmt: skip
 
 
 def _counted(progress: Progress, n_cols: int) -> tuple[int, int, int, int]:

@@ -95,25 +95,13 @@ class Maps(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class Mosaic:
-    """Data common to all blocks of a mosaic.
-
-    Attributes
-    ----------
-    run : MapRun
-        With the settings of all areas; of its grid only the coordinate system counts.
-    place : Part
-        Of the lattice.
-    bins : Bins
-        Of the relief of the whole.
-    sample : Sample
-        Behind the maps: the blocks of all areas that started.
-    """
+    """Data common to all blocks of a mosaic."""
 
     setting: Setting
-    run: MapRun
-    place: Part
-    bins: Bins
-    sample: Sample
+    run: MapRun  # with the settings of all areas; of its grid only the coordinate system counts
+    place: Part  # of the lattice
+    bins: Bins  # of the relief of the whole
+    sample: Sample  # behind the maps: the blocks of all areas that started
 
     @property
     def beside(self) -> int:
@@ -133,12 +121,8 @@ def write_mosaic(
 ) -> tuple[Assessment | None, tuple[str, ...]]:
     """Add up all areas and write what they give together, within ``memory_bytes`` if given.
 
-    Returns
-    -------
-    found : Assessment or None
-        None if the mosaic is there already, or has several blocks.
-    warnings : tuple of str
-        Those of the mosaic, also of one that is there already.
+    Returns the assessment, None if the mosaic is there already or has several blocks; and its
+    warnings, also of one that is there already.
     """
     parts = [[records[c.stem].fingerprint for c in candidates], notices]
     fingerprint = hashlib.sha256(json.dumps(parts).encode()).hexdigest()
@@ -170,15 +154,16 @@ def write_mosaic(
 
         if fits and cells <= _MOST_CELLS:
             return _write_one_block(
-                work, mosaic, candidates, areas, warnings, tell, fingerprint, keep
-            )
+                work, mosaic, candidates, areas, warnings=warnings, tell=tell,
+                fingerprint=fingerprint, keep=keep,
+            )  # fmt: skip
         with in_language(setting.config.project.language):
-            warnings = (*warnings, _SEVERAL_BLOCKS)
             rules = replace(setting.rules, in_part=True)
             mosaic = replace(mosaic, setting=replace(setting, rules=rules))
             return None, _write_blocks(
-                work, mosaic, candidates, areas, warnings, most, cores, tell,
-                partial(keep, report=whole if cells <= _MOST_CELLS else None),
+                work, mosaic, candidates, areas, warnings=(*warnings, _SEVERAL_BLOCKS),
+                memory_bytes=most, cores=cores, tell=tell,
+                keep=partial(keep, report=whole if cells <= _MOST_CELLS else None),
             )  # fmt: skip
 
 
@@ -214,8 +199,9 @@ def _mosaic(setting: Setting, areas: Sequence[Reached]) -> Mosaic:
     bins = bins_for(high - low, config.blocks, config.engine, rules.preset.thresholds_kj)
     # One cell is enough where only settings count: processes get all cells of a grid in full.
     cell = terrain.frame(Part(0, 0, 1, 1))
+    lines = setting.control_lines
     run = replace(
-        map_run_of(config, cell, no_ground(cell), setting.table, (), setting.control_lines, None),
+        map_run_of(config, cell, no_ground(cell), setting.table, control_lines=lines),
         thresholds_kj=rules.preset.thresholds_kj,
         ref_width_m=rules.ref_width_m,
         rounds=(Round(0, max(a.record.repetitions for a in areas)),),
@@ -247,6 +233,7 @@ def _write_one_block(
     mosaic: Mosaic,
     candidates: Sequence[Candidate],
     areas: Sequence[Reached],
+    *,
     warnings: tuple[str, ...],
     tell: Callable[[str], None],
     fingerprint: str,
@@ -264,7 +251,7 @@ def _write_one_block(
         ]
     with collected_notices() as overlaps:
         warn_of_overlaps(released, config.release_source)
-    whole = setting.outline()
+    whole = setting.terrain.outline()
     run = replace(
         mosaic.run,
         grid=grid,
@@ -294,8 +281,10 @@ def _write_one_block(
     if compares_barriers(config, run):
         without = simulation(without_barriers(job), without=True)
     names = [c.name for c in candidates]
-    found, published = write_zones(work, rules, done, without, names, tell, lambda _found: keep())
-    return found, published.warnings
+    found, (_, _, said) = write_zones(
+        work, rules, done, without, names, tell, first=lambda _found: keep()
+    )
+    return found, said
 
 
 def bytes_needed(place: Part, areas: Sequence[Reached], bins: Bins) -> int:
@@ -346,6 +335,7 @@ def _write_blocks(
     mosaic: Mosaic,
     candidates: Sequence[Candidate],
     areas: Sequence[Reached],
+    *,
     warnings: tuple[str, ...],
     memory_bytes: int,
     cores: int,
@@ -394,9 +384,7 @@ def _write_blocks(
         work, config, frame, maps.blocks, maps.terrain, vectors, extras, facts, (frame.bounds, ())
     )
     warnings = (*warnings, *left_out)
-    write_origin(
-        work, config, counts, warnings, seed=config.run.seed, grid=frame, origin=extras.origin
-    )
+    write_origin(work, config, counts, warnings, seed=config.run.seed, grid=frame, **extras.origin)
     return warnings
 
 
@@ -408,13 +396,7 @@ def _write_maps(
     cores: int,
     tell: Callable[[str], None],
 ) -> Maps:
-    """Write the maps of all blocks, as ``divided`` returns them, several at a time.
-
-    Returns
-    -------
-    Maps
-        Of their values only the smallest and the largest.
-    """
+    """Write the maps of all blocks, several at a time; of their values only extremes come back."""
     hazard: set[str] = set()
     with (
         BlockMaps(frame, folder) as files,
@@ -464,8 +446,7 @@ def _maps_of(mosaic: Mosaic, block: tuple[Part, Sequence[Reached]]) -> Maps:
 
 
 def _sources(run: MapRun, areas: Sequence[Reached], total: Progress) -> list[Sampled]:
-    """Return the sums by source."""
-    # Outlines are of no account here.
+    """Return the sums by source; outlines of areas are of no account here."""
     named = tuple(ReleaseArea(a.name, None, tuple(a.record.frequencies)) for a in areas)
     frequencies = {(a.name, k): f for a in areas for k, f in a.record.frequencies.items()}
     return sampled_sources(replace(run, areas=named), total, frequencies)
@@ -559,14 +540,11 @@ def _zones(mosaic: Mosaic, areas: Sequence[Reached]) -> list[VectorLayer]:
     energies = np.array(rules.preset.thresholds_kj)
     # Zones with walls and nets are drawn within those without.
     both = [False, True] if compares_barriers(config, run) else [False]
-    sampled, *alone = (
-        _sources(
-            run,
-            areas,
-            added_up(run, box, areas, mosaic.bins, without=without, only_energies_kj=energies),
-        )
+    totals = (
+        added_up(run, box, areas, mosaic.bins, without=without, only_energies_kj=energies)
         for without in both
     )
+    sampled, *alone = (_sources(run, areas, total) for total in totals)
     found = assess(
         replace(rules, vulnerability=None, placed=PlacedObjects((), ())),
         grid, energies, sampled, alone[0] if alone else None,

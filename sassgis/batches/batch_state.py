@@ -130,21 +130,12 @@ def write_state(path: Path, progress: Progress, run: MapRun) -> None:
 
 
 def read_state(
-    area: Reached,
-    without: bool = False,
-    wanted: Callable[[str], bool] = lambda _name: True,
+    area: Reached, without: bool = False, wanted: Callable[[str], bool] = lambda _name: True
 ) -> dict[str, NDArray[Any]]:
     """Read what write_state wrote into the folder of an area, or what is wanted of it.
 
-    Parameters
-    ----------
-    without : bool
-        Whether of its blocks without walls and nets; where it has none, both are the same.
-
-    Raises
-    ------
-    InputError
-        If the file is damaged, or not that of the record.
+    ``without`` walls and nets; where it has none, both are the same. InputError: the file is
+    damaged, or not that of the record.
     """
     sums = area.record.sums
     name = WITHOUT_BARRIERS_NAME if without and WITHOUT_BARRIERS_NAME in sums else SIMULATION_NAME
@@ -165,18 +156,12 @@ def added_up(
     """Add up what areas counted in the cells of a place, at stations, barriers and objects.
 
     Counts are whole numbers: the sums of a place are those of the whole that lie there. One area
-    is in memory at a time.
+    is in memory at a time. The positions of the areas are those of the sources.
 
     Parameters
     ----------
     run : MapRun
         With the settings of all areas; its grid is not looked at.
-    place : Part
-        Of the lattice; what areas have counted elsewhere is left out.
-    areas : sequence of Reached
-        Their positions are those of the sources.
-    bins : Bins
-        Of all areas.
     without : bool
         Whether without walls and nets.
     planned : Plan, optional

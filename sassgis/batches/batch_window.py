@@ -46,23 +46,13 @@ Met = tuple[bool, bool, bool, bool]
 
 @dataclass(frozen=True, slots=True)
 class Windowed:
-    """A run on a part of the terrain model.
-
-    Attributes
-    ----------
-    run : MapRun
-        Its grid is that part.
-    margins : (int, int, int, int)
-        Cells around the release area, in the north, east, south and west.
-    notices : tuple of str
-        What the readers had to say.
-    """
+    """A run on a part of the terrain model."""
 
     part: Part
-    run: MapRun
+    run: MapRun  # its grid is that part
     planned: Plan
-    margins: Sides
-    notices: tuple[str, ...] = ()
+    margins: Sides  # cells around the release area, in the north, east, south and west
+    notices: tuple[str, ...] = ()  # what the readers had to say
 
     def wider(self, sides: Met) -> Sides:
         """Return margins to try next if paths came to the rim on some sides."""
@@ -106,7 +96,7 @@ def windowed(
     make: Callable[[Part], MapRun],
     margins: Sides = (1, 1, 1, 1),
 ) -> Windowed:
-    """Find the part of the terrain model that a release area needs.
+    """Find the part of the terrain model that a release area needs, within its bounds (m).
 
     A part is tried, the fall lines are traced on it, and on each side on which one
     comes near a cut edge (see edge_cells) the margin grows by what is missing, and by half at
@@ -118,21 +108,8 @@ def windowed(
     and the run has a rim on each cut side that no path may look at (see MapRun.rim). If one does,
     or if another line comes near a cut edge (see near_edge), ask again for wider margins.
 
-    Parameters
-    ----------
-    bounds : (west, south, east, north)
-        Of the release area (m).
-    ref_width_m : float
-        Reference width of the frequencies (m).
-    make : callable
-        Makes the run on a part.
-    margins : (int, int, int, int)
-        Cells around the area (north, east, south, west) that there must be at least.
-
-    Raises
-    ------
-    InputError
-        If the area lies outside the terrain model, and whatever ``make`` raises.
+    ``make`` makes the run on a part; ``margins`` there must be at least. InputError: the area lies
+    outside the terrain model.
     """
     inner = terrain.part_of(bounds)
     first = math.ceil(_FIRST_MARGIN_M / terrain.cell_size)

@@ -15,12 +15,7 @@ from typing import Any
 import click
 
 from sassgis import __version__
-from sassgis.cli.observation_commands import (
-    calibrate,
-    diagnose,
-    template,
-    validate_observations,
-)
+from sassgis.cli.observation_commands import calibrate, diagnose, template, validate_observations
 from sassgis.cli.run_commands import batch, compare, demo, export, profile, run, sensitivity, zone
 from sassgis.cli.site_commands import (
     check_terrain,

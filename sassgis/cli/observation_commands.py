@@ -106,14 +106,10 @@ def validate_observations(observations: Path, config: Path | None) -> None:
     for finding in findings:
         click.echo(str(finding))
     found = what_is_identifiable(read)
-    click.echo(
-        f"{found.rocks} rocks, {found.unattributed} passages and deposits without a known rock"
-    )
-    for quantity in found.quantities:
-        click.echo(
-            f"  {quantity.name} ({quantity.table}): {quantity.values} values of "
-            f"{quantity.rocks} rocks"
-        )
+    unknown = f"{found.unattributed} passages and deposits without a known rock"
+    click.echo(f"{found.rocks} rocks, {unknown}")
+    for own in found.quantities:
+        click.echo(f"  {own.name} ({own.table}): {own.values} values of {own.rocks} rocks")
     for line in found.not_identifiable:
         click.echo(f"not identifiable: {line}")
     if any(finding.level == "error" for finding in findings):

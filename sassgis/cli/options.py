@@ -68,11 +68,8 @@ def command(*parameters: Decorator, example: str, **more: Any) -> Callable[[Any]
     def made(function: Any) -> click.Command:
         for parameter in reversed(parameters):
             function = parameter(function)
-        click_command: Any = click.command
-        declared: click.Command = click_command(epilog=f"Example: sassgis {example}", **more)(
-            function
-        )
-        return declared
+        declared: Any = click.command(epilog=f"Example: sassgis {example}", **more)
+        return declared(function)  # type: ignore[no-any-return]
 
     return made
 
@@ -93,15 +90,7 @@ def settings_as_options() -> Iterator[None]:
 
 @contextmanager
 def at_work(given: Mapping[str, Any]) -> Iterator[dict[str, Any]]:
-    """What is given, with who works (threads, processes or a cluster) and how progress is shown.
-
-    Raises
-    ------
-    click.UsageError
-        If more than one of them is asked for.
-    InputError
-        If the cluster cannot be used.
-    """
+    """What is given, with who works (threads, processes or a cluster) and how progress is shown."""
     plain = dict(given)
     jobs, scheduler, workers = (plain.pop(key, None) for key in ("jobs", "scheduler", "workers"))
     if sum(asked is not None for asked in (jobs, scheduler, workers)) > 1:

@@ -139,16 +139,16 @@ def _zoned(config: Path, out: Path, as_json: bool, given: Mapping[str, Any]) -> 
 
     with at_work(given) as how:
         result = make_zones(_with_draws(config, how), out, **how)
-    hazard = result.found.hazard
+    hazard, zones = result.found.hazard, int(result.found.hazard.levels.polygons.size)
     edge = edge_words(result.run.run, result.run.progress, float(hazard.facts.open_m.sum()))
-    said = [
-        f"{result.run.n_blocks} blocks, {hazard.levels.polygons.size} zones.",
-        *filter(None, (sample_words(hazard.changed_share), edge, _edited(hazard.edits))),
-    ]
-    summary = _with_spread(" ".join(said), result.run)
+    said = (
+        f"{result.run.n_blocks} blocks, {zones} zones.",
+        sample_words(hazard.changed_share), edge, _edited(hazard.edits),
+    )  # fmt: skip
+    summary = _with_spread(" ".join(filter(None, said)), result.run)
     facts = {
         **_run_facts(result.run),
-        "zones": int(hazard.levels.polygons.size),
+        "zones": zones,
         "changed_share": float(hazard.changed_share),
         "uncertain_share": float(hazard.uncertain_share),
         "edits": len(hazard.edits),

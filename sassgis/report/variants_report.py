@@ -64,8 +64,9 @@ def _verdict(runout: Sequence[variants.RangeEffect], maps: variants.CellMaps, le
     if strong:
         sentences = [phrase("Run-out (95 %) answers most to {}.", strong[0])]
     if levels:
-        reached = maps.bands["level_could_be"]["base"] > 0
-        higher = maps.bands["level_higher"]["higher"][reached] >= 0.1
+        _, bands = maps
+        reached = bands["level_could_be"]["base"] > 0
+        higher = bands["level_higher"]["higher"][reached] >= 0.1
         text = (
             "On {} % of the cells with a level, it is higher in a tenth of the simulations or more."
         )
@@ -136,8 +137,8 @@ def spread_lines(spread: variants.GroundSpread) -> Lines:
             "within the zoned area, the level may be higher on {} m² ({} %) and lower on {} m²; "
             "outside it, {} m² may have a level"
         )
-        share = f"{100.0 * areas.higher / areas.zoned if areas.zoned else 0.0:.0f}"
-        higher, *rest = (sensible(round(v)) for v in (areas.higher, areas.lower, areas.beyond))
+        share = f"{100.0 * areas['higher'] / areas['zoned'] if areas['zoned'] else 0.0:.0f}"
+        higher, *rest = (sensible(round(areas[n])) for n in ("higher", "lower", "beyond"))
         parts.append(phrase(text, higher, share, *rest))
     known = []
     if not spread.ranges:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from functools import partial
+from itertools import count
 from pathlib import Path
 
 from sassgis.errors import InputError, Interrupted
@@ -38,13 +39,8 @@ from sassgis.outputs.layers.variant_layers import rule_table
 from sassgis.outputs.manifest import write_manifest
 from sassgis.report.calibration_report import calibration_report, calibration_warnings
 from sassgis.report.page import translated_report, write_report
-from sassgis.runs.draw_store import DrawProgress, DrawStore
-from sassgis.runs.gap_case import (
-    comparable,
-    observations_name,
-    observed_files,
-    read_case,
-)
+from sassgis.runs.draw_store import DrawStore
+from sassgis.runs.gap_case import comparable, observations_name, observed_files, read_case
 from sassgis.runs.gap_warnings import scenario_warnings
 from sassgis.runs.inputs import input_files
 from sassgis.runs.resumable_run import AnyConfig, configured, workers_asked
@@ -82,18 +78,15 @@ def calibrate(
         Configurations, and for each a GeoPackage, a folder of CSV files, or DataFrames by name.
     out : path, optional
         Folder to write; without it nothing is written.
-    classes : sequence of str, optional
-        Ground classes to calibrate; default: those that the rocks meet.
-    parameters : sequence of str, optional
-        Default: all that can be calibrated.
+    classes, parameters : sequence of str, optional
+        Ground classes to calibrate, default those that the rocks meet; and which of their
+        parameters, default all that can be calibrated.
     jobs : int, optional
         Processes; 0 or None: all cores. The answer does not depend on it.
     draws : int, optional
         Parameter sets of each of the six rounds. Default: 4 for each parameter, at least 32.
     on_progress : callable, optional
         Called with draws done, draws in all, and rocks simulated.
-    seed, overwrite, say
-        As for sassgis.runs.run.run.
 
     Raises
     ------
@@ -122,12 +115,10 @@ def calibrate(
         task = calibration_task(ready, chosen, names, rules, seed)
         if task.measured < _FEWEST:
             raise InputError(
-                "too few rocks to calibrate on",
-                file=observations_name(observed[0]),
-                field="rocks",
+                "too few rocks to calibrate on", file=observations_name(observed[0]), field="rocks",
                 found=f"{task.measured} with a stop, a passage or an impact",
                 expected=f"{_FEWEST} or more",
-            )
+            )  # fmt: skip
         file = work / f"{CHECKPOINT_STEM}.draws.npz"
         store = DrawStore(file, value_digest(task), tell)
         try:
@@ -137,8 +128,14 @@ def calibrate(
                     f"{task.n_rocks} rocks"
                 )
                 budget = budget_of(task, draws)
-                progress = DrawProgress(on_progress, budget.trials, COUNT * task.n_rocks)
-                seen = partial(store.seen, run=partial(run, run_trial), step=progress.step)
+                made = count(1)
+
+                def step() -> None:
+                    if on_progress is not None:
+                        done = next(made)
+                        on_progress(done, budget.trials, COUNT * task.n_rocks * done)
+
+                seen = partial(store.seen, run=partial(run, run_trial), step=step)
                 found = search(task, seen, lambda due: list(run(run_site, due)), draws)
                 tell("Predicting rocks left out")
                 calibration = result_of(task, found, lambda due: list(run(final_prediction, due)))
@@ -173,11 +170,10 @@ def _sites(
                 if one != two:
                     raise InputError(
                         f"ground class {own.name!r} differs between the sites",
-                        file=config.file,
-                        field=f"ground.classes, {column}",
+                        file=config.file, field=f"ground.classes, {column}",
                         found=f"{two:g} at {site.name}, {one:g} before",
                         expected="one table of classes for all sites",
-                    )
+                    )  # fmt: skip
     return ready
 
 
@@ -188,15 +184,11 @@ def _chosen(sites: Sequence[SiteData], asked: Sequence[str] | None) -> list[str]
         return met
     for name in asked:
         if name not in met:
-            known = any(name in site.case.table.names for site in sites)
-            raise InputError(
-                "ground class is met by none of the rocks"
-                if known
-                else "is not a known ground class",
-                field="classes",
-                found=repr(name),
-                expected="some of " + ", ".join(met),
-            )
+            why = "is not a known ground class"
+            if any(name in site.case.table.names for site in sites):
+                why = "ground class is met by none of the rocks"
+            expected = "some of " + ", ".join(met)
+            raise InputError(why, field="classes", found=repr(name), expected=expected)
     return list(dict.fromkeys(asked))
 
 
@@ -225,28 +217,18 @@ def _write(
         *calibration_warnings(calibration),
     ]
     with in_language(configs[0].project.language):
+        labels = [config.label for config in configs]
         context = calibration_report(
-            calibration,
-            work / "figures",
-            configurations=[config.label for config in configs],
-            warnings=warnings,
+            calibration, work / "figures", configurations=labels, warnings=warnings
         )
         write_report(work / "report.html", translated_report(context))
+    counts = {
+        "sites": len(cases), "rocks": calibration.rocks, "draws": calibration.draws,
+        "parameters": len(calibration.fitted),
+    }  # fmt: skip
+    grid = cases[0].grid
     write_manifest(
-        work / "manifest.json",
-        inputs=inputs,
-        base=configs[0].base,
-        crs=cases[0].grid.crs,
-        vertical_datum=cases[0].grid.vertical_datum,
-        seed=calibration.seed,
-        ref_widths_m={},
-        preset="",
-        settings=settings,
-        counts={
-            "sites": len(cases),
-            "rocks": calibration.rocks,
-            "draws": calibration.draws,
-            "parameters": len(calibration.fitted),
-        },
-        warnings=warnings,
-    )
+        work / "manifest.json", inputs=inputs, base=configs[0].base, crs=grid.crs,
+        vertical_datum=grid.vertical_datum, seed=calibration.seed, ref_widths_m={}, preset="",
+        settings=settings, counts=counts, warnings=warnings,
+    )  # fmt: skip

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from dataclasses import asdict, dataclass, replace
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -36,7 +37,7 @@ from sassgis.runs.inputs import (
 from sassgis.runs.resumable_run import check_means, workers_asked
 from sassgis.runs.variant_lab import spread_rules
 from sassgis.settings.crs import crs_name
-from sassgis.settings.ground import TRUST_TEXT, GroundTable, Trust
+from sassgis.settings.ground import TRUST_TEXT, GroundTable
 from sassgis.settings.map_run import MapRun, ReleaseArea
 from sassgis.settings.results import ControlLine
 from sassgis.settings.run_config import Config
@@ -49,106 +50,40 @@ from sassgis.terrain.plan import placed_points, plan
 
 
 @dataclass(frozen=True, slots=True)
-class DemSummary:
-    """Summary of the terrain model; lengths in m."""
-
-    file: Input
-    n_rows: int
-    n_cols: int
-    cell_size: float
-    crs: str
-    vertical_datum: str
-    nodata_share: float
-    lowest: float
-    highest: float
-
-
-@dataclass(frozen=True, slots=True)
-class ProfileSummary:
-    """Summary of the profile of a run without a map; lengths in m."""
-
-    file: Input
-    vertices: int
-    first: float
-    last: float
-    lowest: float
-    highest: float
-
-
-@dataclass(frozen=True, slots=True)
-class AreaSummary:
-    """A release area: ``size`` in m2 for polygons, in m for lines, a count for points."""
-
-    name: str
-    kind: str
-    size: float
-    points: int
-    scenarios: tuple[str, ...]
-
-
-@dataclass(frozen=True, slots=True)
-class ClassSummary:
-    """A ground class in use; ``share`` of the cells with a height, or of the profile's length."""
-
-    name: str
-    share: float
-    trust: Trust
-    source: str
-
-
-@dataclass(frozen=True, slots=True)
 class InputReport:
-    """Summary of the inputs of a run.
-
-    Attributes
-    ----------
-    dem : DemSummary or None
-        None where the configuration is for profile runs only.
-    profile : ProfileSummary or None
-        None where there is a DEM, or no profile file.
-    classes : tuple of ClassSummary
-        Those that occur.
-    notices, warnings : tuple of str
-        What was done to the inputs, such as reprojection; what deserves a look before results are
-        trusted.
-    estimate : RunEstimate or None
-        None where nothing is complete for a run on the map.
-    zoning : tuple of str
-        What there is for a zoning.
-    """
+    """Summary of the inputs of a run."""
 
     config: Path | None
-    dem: DemSummary | None
-    profile: ProfileSummary | None
-    areas: tuple[AreaSummary, ...]
-    classes: tuple[ClassSummary, ...]
+    dem: Mapping[str, Any] | None  # lengths in m; None where there are only profile runs
+    profile: Mapping[str, Any] | None  # lengths in m; None without a profile file
+    # Each ``size`` is in m2 for polygons, in m for lines, a count for points.
+    areas: tuple[Mapping[str, Any], ...]
+    # Those that occur; each ``share`` is of the cells with a height, or of the profile's length.
+    classes: tuple[Mapping[str, Any], ...]
     control_lines: tuple[ControlLine, ...]
     blocks: tuple[str, ...]
-    notices: tuple[str, ...]
-    warnings: tuple[str, ...]
-    estimate: RunEstimate | None
-    zoning: tuple[str, ...]
+    notices: tuple[str, ...]  # what was done to the inputs, such as reprojection
+    warnings: tuple[str, ...]  # what deserves a look before results are trusted
+    estimate: RunEstimate | None  # None where nothing is complete for a run on the map
+    zoning: tuple[str, ...]  # what there is for a zoning
     ready: tuple[Readiness, ...]
 
     @property
     def points(self) -> int:
         """Release points of all areas."""
-        return sum(area.points for area in self.areas)
+        return sum(area["points"] for area in self.areas)
 
     def as_dict(self) -> dict[str, Any]:
         """Return the report for programs."""
-        lines = [
-            {"name": o.name, "kind": o.kind, "height_m": o.height_m, "capacity_kj": o.capacity_kj}
-            for o in self.control_lines
-        ]
+        keys = ("name", "kind", "height_m", "capacity_kj")
         return {
             "configuration": self.config,
-            "dem": None if self.dem is None else asdict(self.dem),
-            "profile": None if self.profile is None else asdict(self.profile),
-            "release_areas": [asdict(area) for area in self.areas],
+            "dem": self.dem,
+            "profile": self.profile,
+            "release_areas": self.areas,
             "blocks": self.blocks,
-            "ground": [asdict(own) for own in self.classes],
-            "control_lines": lines,
+            "ground": self.classes,
+            "control_lines": [{key: getattr(o, key) for key in keys} for o in self.control_lines],
             "notices": self.notices,
             "warnings": self.warnings,
             "estimate": None if self.estimate is None else self.estimate.as_dict(),
@@ -159,38 +94,34 @@ class InputReport:
     def lines(self) -> list[str]:
         """Return the report for people, line by line."""
         out = [f"configuration  {self.config or 'made by a program'}"]
-        if self.dem is not None:
-            d = self.dem
+        if (d := self.dem) is not None:
             out += [
-                f"DEM            {d.file}",
-                f"               {d.n_rows} rows x {d.n_cols} columns of {d.cell_size:g} m, "
-                f"{100.0 * d.nodata_share:.1f} % nodata",
-                f"               heights {d.lowest:.1f} to {d.highest:.1f} m, "
-                f"height system {d.vertical_datum or 'not stated'}",
-                f"               {d.crs}",
+                f"DEM            {d['file']}",
+                f"               {d['n_rows']} rows x {d['n_cols']} columns of "
+                f"{d['cell_size']:g} m, {100.0 * d['nodata_share']:.1f} % nodata",
+                f"               heights {d['lowest']:.1f} to {d['highest']:.1f} m, "
+                f"height system {d['vertical_datum'] or 'not stated'}",
+                f"               {d['crs']}",
             ]
-        if self.profile is not None:
-            p = self.profile
+        if (p := self.profile) is not None:
             out += [
-                f"profile        {p.file}",
-                f"               {p.vertices} vertices, chainage {p.first:g} to {p.last:g} m, "
-                f"heights {p.lowest:.1f} to {p.highest:.1f} m",
+                f"profile        {p['file']}",
+                f"               {p['vertices']} vertices, chainage {p['first']:g} to "
+                f"{p['last']:g} m, heights {p['lowest']:.1f} to {p['highest']:.1f} m",
             ]
         extent = "profile" if self.dem is None else "cells"
         units = {"polygon": " m2", "line": " m", "point": " point(s)"}
-        for area in self.areas:
-            size = f"{area.size:.0f}{units[area.kind]}"
-            out.append(
-                f"release area   {area.name}: {size}, {area.points} release points, "
-                f"blocks {', '.join(area.scenarios)}"
-            )
+        out += [
+            f"release area   {a['name']}: {a['size']:.0f}{units[a['kind']]}, {a['points']} release "
+            f"points, blocks {', '.join(a['scenarios'])}"
+            for a in self.areas
+        ]
         if self.areas:
             out.append(f"               {self.points} release points in all")
         out.append(f"blocks         {', '.join(self.blocks)}")
         for c in self.classes:
-            text = f"on {100.0 * c.share:.1f} % of the {extent}: {TRUST_TEXT[c.trust]}"
-            out.append(f"ground         {c.name}, {text}")
-            out.append(f"               {c.source}")
+            text = f"on {100.0 * c['share']:.1f} % of the {extent}: {TRUST_TEXT[c['trust']]}"
+            out += [f"ground         {c['name']}, {text}", f"               {c['source']}"]
         for control_line in self.control_lines:
             text = f"{control_line.kind:<15}{control_line.name}"
             if control_line.kind != "station":
@@ -207,17 +138,14 @@ class InputReport:
 def check_inputs(config: Config) -> InputReport:
     """Read all inputs of a configuration, as a run would, and check all that it would check.
 
-    Raises
-    ------
-    InputError, ConfigError, OutputError
-        Whatever would stop a run, or a zoning if the configuration is complete for one; but for
-        what only the simulation shows.
+    InputError, ConfigError or OutputError: whatever would stop a run, or a zoning if the
+    configuration is complete for one; but for what only the simulation shows.
     """
     ready = {own.task: own for own in readiness(config)}
     profile: ProfileInput | None = None
-    along: ProfileSummary | None = None
+    along: dict[str, Any] | None = None
     run: MapRun | None = None
-    areas: tuple[AreaSummary, ...] = ()
+    areas: tuple[dict[str, Any], ...] = ()
     zoning: tuple[str, ...] = ()
     estimate: RunEstimate | None = None
     said: list[str] = []
@@ -228,8 +156,10 @@ def check_inputs(config: Config) -> InputReport:
                 profile = profile_from_csv(config)
                 s, z = profile.s, profile.z
                 require_profile(config, s, z, config.profile.rocks)
-                ends = (float(v) for v in (s[0], s[-1], z.min(), z.max()))
-                along = ProfileSummary(config.profile.file, s.size, *ends)
+                along = {
+                    "file": config.profile.file, "vertices": s.size, "first": float(s[0]),
+                    "last": float(s[-1]), "lowest": float(z.min()), "highest": float(z.max()),
+                }  # fmt: skip
             except InputError as error:
                 # Stations have a place on the map or on a profile: some files are for one of both.
                 if config.terrain.dem is None:
@@ -247,17 +177,16 @@ def check_inputs(config: Config) -> InputReport:
     else:
         table, shares = run.table, _shares(run.ground, run.grid)
         control_lines = tuple(control_line for control_line, _ in run.control_lines)
-    classes = tuple(
-        ClassSummary(c.name, shares[i], c.trust, c.source)
-        for i, c in enumerate(table.classes)
-        if i in shares
-    )
     return InputReport(
         config=config.file,
         dem=None if run is None else _dem_summary(config.dem_source, run.grid),
         profile=along,
         areas=areas,
-        classes=classes,
+        classes=tuple(
+            {"name": c.name, "share": shares[i], "trust": c.trust, "source": c.source}
+            for i, c in enumerate(table.classes)
+            if i in shares
+        ),
         control_lines=control_lines,
         blocks=config.block_names,
         notices=tuple(notices),
@@ -276,7 +205,7 @@ def check_inputs(config: Config) -> InputReport:
 
 def _checked(
     config: Config, run: MapRun, zones: bool
-) -> tuple[tuple[AreaSummary, ...], RunEstimate, list[str]]:
+) -> tuple[tuple[dict[str, Any], ...], RunEstimate, list[str]]:
     """Return the release areas with their points, what a run on them takes, and what they lack."""
     check_means(config, run)
     spread_rules(config, run)
@@ -336,19 +265,19 @@ def _zoning(config: Config, run: MapRun, complete: bool) -> tuple[tuple[str, ...
     return tuple(lines), run
 
 
-def _dem_summary(file: Input, grid: Grid) -> DemSummary:
+def _dem_summary(file: Input, grid: Grid) -> dict[str, Any]:
     known = np.isfinite(grid.values)
-    return DemSummary(
-        file=file,
-        n_rows=grid.shape[0],
-        n_cols=grid.shape[1],
-        cell_size=grid.cell_size,
-        crs=crs_name(grid.crs),
-        vertical_datum=grid.vertical_datum,
-        nodata_share=1.0 - float(known.mean()),
-        lowest=float(grid.values[known].min()),
-        highest=float(grid.values[known].max()),
-    )
+    return {
+        "file": file,
+        "n_rows": grid.shape[0],
+        "n_cols": grid.shape[1],
+        "cell_size": grid.cell_size,
+        "crs": crs_name(grid.crs),
+        "vertical_datum": grid.vertical_datum,
+        "nodata_share": 1.0 - float(known.mean()),
+        "lowest": float(grid.values[known].min()),
+        "highest": float(grid.values[known].max()),
+    }
 
 
 def _along(config: Config, profile: ProfileInput | None) -> tuple[GroundTable, dict[int, float]]:
@@ -361,12 +290,15 @@ def _along(config: Config, profile: ProfileInput | None) -> tuple[GroundTable, d
     return profile.table, {i: float(n) / float(s[-1] - s[0]) for i, n in enumerate(lengths) if n}
 
 
-def _area_summary(area: ReleaseArea, points: int) -> AreaSummary:
+def _area_summary(area: ReleaseArea, points: int) -> dict[str, Any]:
     shape = area.geometry
-    if shape.area > 0.0:
-        return AreaSummary(area.name, "polygon", float(shape.area), points, area.scenarios)
     kind, size = ("line", float(shape.length)) if shape.length > 0.0 else ("point", points)
-    return AreaSummary(area.name, kind, size, points, area.scenarios)
+    if shape.area > 0.0:
+        kind, size = "polygon", float(shape.area)
+    return {
+        "name": area.name, "kind": kind, "size": size, "points": points,
+        "scenarios": area.scenarios,
+    }  # fmt: skip
 
 
 def _shares(

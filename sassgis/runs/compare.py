@@ -41,20 +41,10 @@ def compare(
     overwrite: bool = False,
     say: Callable[[str], None] | None = None,
 ) -> ResultChange:
-    """Compare two results and write what changes.
+    """Compare two results that run, zone or batch wrote, and write what changes.
 
-    Parameters
-    ----------
-    before, after : path
-        Folders that ``run``, ``zone`` or ``batch`` (an area, or the mosaic) wrote.
-    out, overwrite, say
-        As for sassgis.runs.run.run.
-
-    Raises
-    ------
-    InputError
-        If a folder is no result, or the cells of the two do not coincide.
-    OutputError
+    Folders of a batch are those of an area, or of the mosaic. InputError: a folder is no result, or
+    the cells of the two do not coincide.
     """
     folders = {"before": Path(before), "after": Path(after)}
     one, two = (read_result(folder) for folder in folders.values())
@@ -68,7 +58,7 @@ def compare(
     inputs = {role: folder / MANIFEST_NAME for role, folder in folders.items()}
     with staged_output(Path(out), overwrite) as work:
         base = Path(out).absolute().parent
-        return _write_comparison(work, one, two, placed, inputs, base, say)
+        return _write_comparison(work, one, two, placed, inputs=inputs, base=base, say=say)
 
 
 def map_change(
@@ -83,11 +73,9 @@ def map_change(
     """Run two configurations and map what changes.
 
     Writes the results ``before`` and ``after`` (as ``sassgis run`` does), and next to them what
-    ``sassgis compare`` writes, with the configured objects.
-
-    Both have the same terrain, and ``terrain.path`` of the second holds for both. The others are as
-    for sassgis.runs.run.run. ConfigError: a configuration has no release areas; InputError: the
-    cells of the two terrain models do not coincide.
+    ``sassgis compare`` writes, with the configured objects. ``terrain.path`` of the second holds
+    for both. ConfigError: a configuration has no release areas; InputError: the cells of the two
+    terrain models do not coincide.
     """
     after = load_config(config_after)
     # Paths of another kind would be a change by themselves.
@@ -97,11 +85,9 @@ def map_change(
         if config.release.file is None:
             raise ConfigError(
                 "has no release areas, so that there is no map to compare",
-                file=config.file,
-                field="release.file",
-                found="nothing",
+                file=config.file, field="release.file", found="nothing",
                 expected="polygons, lines or points of release",
-            )
+            )  # fmt: skip
     tell = say or (lambda _text: None)
     with staged_output(Path(out), overwrite) as work:
         for name, config in configs.items():
@@ -114,7 +100,7 @@ def map_change(
         }
         one, two = (read_result(work / name) for name in configs)
         placed = placed_objects(after, done.run.grid)
-        return _write_comparison(work, one, two, placed, inputs, before.base, say)
+        return _write_comparison(work, one, two, placed, inputs=inputs, base=before.base, say=say)
 
 
 def _write_comparison(
@@ -122,14 +108,14 @@ def _write_comparison(
     before: StoredResult,
     after: StoredResult,
     placed: PlacedObjects,
+    *,
     inputs: Mapping[str, Input],
     base: Path,
     say: Callable[[str], None] | None,
 ) -> ResultChange:
-    """Write the comparison of two results into a folder.
+    """Write the comparison of two results, and of their largest values at the ``placed`` objects.
 
-    The largest values are compared at the ``placed`` objects; ``inputs`` are those of the manifest,
-    relative to ``base``. Raises InputError if the cells of the two do not coincide.
+    ``inputs`` are those of the manifest, relative to ``base``.
     """
     tell = say or (lambda _text: None)
     whole = before.grid.shape, after.grid.shape
@@ -159,32 +145,21 @@ def _write_comparison(
     write_table(work / "tables" / "differences.csv", [difference_table(change.differences)])
     with in_language(after.manifest["settings"].get("project", {}).get("language", "en")):
         write_over_relief(
-            work,
-            grid,
-            maps,
-            group="Change, after less before",
+            work, grid, maps, group="Change, after less before",
             title=translated(phrase("{}: before and after", after.title)),
-            abstract="Changes between two results.",
-            zones=changed,
-        )
+            abstract="Changes between two results.", zones=changed,
+        )  # fmt: skip
         tell("Drawing the figures")
         pictures = change_figures(before, after, work / "figures", levels=levels)
         report = change_report(before, after, change, pictures)
         write_report(work / "report.html", translated_report(report))
+    told = {"before": before.manifest, "after": after.manifest}
     write_manifest(
-        work / MANIFEST_NAME,
-        inputs=inputs,
-        base=base,
-        crs=grid.crs,
-        vertical_datum=grid.vertical_datum,
-        seed=int(after.manifest["seed"]),
-        ref_widths_m=after.manifest["ref_widths_m"],
-        preset=str(after.manifest["preset"]),
-        settings={"before": before.manifest["settings"], "after": after.manifest["settings"]},
-        counts={
-            "rocks_before": int(before.manifest["counts"]["rocks"]),
-            "rocks_after": int(after.manifest["counts"]["rocks"]),
-        },
+        work / MANIFEST_NAME, inputs=inputs, base=base, crs=grid.crs,
+        vertical_datum=grid.vertical_datum, seed=int(after.manifest["seed"]),
+        ref_widths_m=after.manifest["ref_widths_m"], preset=str(after.manifest["preset"]),
+        settings={when: own["settings"] for when, own in told.items()},
+        counts={f"rocks_{when}": int(own["counts"]["rocks"]) for when, own in told.items()},
         warnings=change.notes,
-    )
+    )  # fmt: skip
     return change

@@ -106,7 +106,7 @@ def check_dem(path: Path, crs: str | None = None, override_crs: bool = False) ->
     """Judge a terrain model, a raster or a folder of tiles.
 
     ``crs`` is its coordinate system, where the file states none, or with ``override_crs`` in place
-    of it. InputError: it is no raster of heights at all.
+    of it.
     """
     with collected_notices() as notices:
         dem = read_raw_dem(path, crs, override_crs)

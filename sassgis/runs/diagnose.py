@@ -81,7 +81,7 @@ from sassgis.runs.gap_warnings import (
     scenario_warnings,
     stop_warnings,
 )
-from sassgis.runs.provenance import Origin, write_origin
+from sassgis.runs.provenance import write_origin
 from sassgis.runs.resumable_run import AnyConfig, configured, workers_asked
 from sassgis.settings.crs import crs_name
 from sassgis.settings.languages import in_language
@@ -139,12 +139,6 @@ def diagnose(
         Whether map, figures, report and configuration are written besides the numbers.
     on_progress : callable, optional
         Called with draws done, draws in all, and rocks simulated; counts anew for each step.
-
-    Raises
-    ------
-    ConfigError, InputError, OutputError
-    Interrupted
-        If the user stops it.
     """
     tell = say or (lambda _text: None)
     with one_algebra_thread(), output_if_asked(out, overwrite, parts=(MAP_NAME,)) as work:
@@ -154,11 +148,9 @@ def diagnose(
         if case.n_rocks < _FEWEST_ROCKS:
             raise InputError(
                 "too few rocks to distinguish a cause from chance",
-                file=observations_name(observations),
-                field="rocks",
-                found=case.n_rocks,
+                file=observations_name(observations), field="rocks", found=case.n_rocks,
                 expected=f"{_FEWEST_ROCKS} or more",
-            )
+            )  # fmt: skip
         summary = summary_of(comparable(site_data_of(case, seed), observations))
         fingerprint = fingerprint_of(settings, observations, f"{seed} {draws} {ground_range:g}")
         try:
@@ -173,16 +165,9 @@ def diagnose(
                 diagnosis = _diagnosis(added, read_thresholds(), fingerprint)
         except KeyboardInterrupt:
             raise Interrupted("stopped by the user") from None
-        diagnosis = replace(
-            diagnosis,
-            warnings=(
-                *settings.notes,
-                *scenario_warnings(settings),
-                *group_warnings(case),
-                *stop_warnings(case),
-                *diagnosis.warnings,
-            ),
-        )
+        warnings = (*settings.notes, *scenario_warnings(settings), *group_warnings(case),
+                    *stop_warnings(case), *diagnosis.warnings)  # fmt: skip
+        diagnosis = replace(diagnosis, warnings=warnings)
         if out is None:
             return diagnosis
         tell("Writing the results")
@@ -294,14 +279,9 @@ def _measure_next(added: AddedCauses, verdict: Verdict) -> tuple[str, ...]:
     # Two causes that are named together are one answer.
     parts = set(verdict.effect.split("+")) - {verdict.effect}
     unknown = verdict.effect == UNKNOWN
-    possible = dict.fromkeys(
-        [
-            *([verdict.effect] if parts else []),
-            *causes_in(verdict.confusion_set),
-            # A single cause is distinguished from none.
-            *([NONE] if unknown else []),
-        ]
-    )
+    # A single cause is distinguished from none.
+    named = [verdict.effect] if parts else []
+    possible = dict.fromkeys([*named, *causes_in(verdict.confusion_set), *[NONE] * unknown])
     problem, models = added.made.problem, {}
     for cause in possible:
         if cause not in parts and (own := _models_of(added, cause)):
@@ -313,10 +293,7 @@ def _measure_next(added: AddedCauses, verdict: Verdict) -> tuple[str, ...]:
 
 
 def _models_of(added: AddedCauses, cause: str) -> list[HypothesisModel]:
-    """Return draws of a cause: calibrated, or the one that closes most.
-
-    There are none of what was not tried.
-    """
+    """Return draws of a cause: calibrated, or the one that closes most."""
     case = added.made.problem.case
     own = added.base if cause in (NONE, CONTACT_LAW) else added.name(cause)
     if own in added.made.fits:
@@ -342,18 +319,13 @@ def _hypotheses(
         top = fit.handed_over.draw
         causes = [part for part in tried.split("+") if part != CONTACT_LAW]
         name = "+".join(causes) or CONTACT_LAW
+        share = shares.get(name.split("+")[0], 0.0)
         found.append(
             Hypothesis(
-                name,
-                top.form,
-                float(np.nanmean(own)),
-                gain.value,
-                (gain.low, gain.high),
-                shares.get(name.split("+")[0], 0.0),
-                top.parameters,
-                intervals[tried],
+                name, top.form, float(np.nanmean(own)), gain.value, (gain.low, gain.high), share,
+                top.parameters, intervals[tried],
             )
-        )
+        )  # fmt: skip
     return tuple(sorted(found, key=lambda c: -c.probability))
 
 
@@ -394,8 +366,7 @@ def _comparisons(
 def write_outputs(work: Path, case: Case, diagnosis: Diagnosis, config: Config) -> None:
     """Write a diagnosis into a folder; equal diagnoses give equal files.
 
-    ``gap.gpkg``, ``figures/*.png``, ``report.html``, ``model/config.toml`` with its files, and last
-    ``manifest.json``. ``work`` is the folder of the result, or the staged one next to it: paths in
+    ``work`` is the folder of the result, or the staged one next to it: paths in
     ``model/config.toml`` hold for both.
     """
     write_gap_gpkg(work / "gap.gpkg", case, diagnosis)
@@ -404,15 +375,10 @@ def write_outputs(work: Path, case: Case, diagnosis: Diagnosis, config: Config) 
     warnings = list(dict.fromkeys((*diagnosis.warnings, *report_warnings(case, diagnosis))))
     with in_language(config.project.language):
         context = gap_report(
-            case,
-            diagnosis,
-            work / "figures",
-            project=config.project.name,
-            terrain=config.dem_source.name,
-            crs=crs_name(case.grid.crs or ""),
-            configuration=config.label,
-            warnings=warnings,
-        )
+            case, diagnosis, work / "figures", project=config.project.name,
+            terrain=config.dem_source.name, crs=crs_name(case.grid.crs or ""),
+            configuration=config.label, warnings=warnings,
+        )  # fmt: skip
         write_report(work / "report.html", translated_report(context))
     verdict = diagnosis.verdict
     found = {"effect": verdict.effect, "confidence": verdict.confidence,
@@ -425,15 +391,14 @@ def write_outputs(work: Path, case: Case, diagnosis: Diagnosis, config: Config) 
     }
     write_origin(
         work, config, counts, warnings, seed=diagnosis.seed, grid=case.grid, maps=False,
-        origin=Origin(observed_files(case)), settings={"diagnosis": found},
+        inputs=observed_files(case), settings={"diagnosis": found},
     )  # fmt: skip
 
 
 def _write_models(file: Path, made: HypothesisFits, diagnosis: Diagnosis) -> None:
     """Write the models handed over, whole, and the scale on which their rocks are compared.
 
-    ``number`` and ``count`` are those of the campaigns by which each was chosen and scored,
-    ``distance`` what these leave to the observed rocks.
+    ``number`` and ``count`` are those of the campaigns by which each was chosen and scored.
     """
     problem, scale = made.problem, made.problem.scale
     kept: dict[str, Any] = {
@@ -441,16 +406,12 @@ def _write_models(file: Path, made: HypothesisFits, diagnosis: Diagnosis) -> Non
         "named": diagnosis.shrinkage.effect,
         "count": FRESH,
         "scale": {
-            "names": list(scale.names),
-            "centre": scale.centre.tolist(),
+            "names": list(scale.names), "centre": scale.centre.tolist(),
             "scale": scale.scale.tolist(),
         },
-    }
-    models = {
-        "base": diagnosis.base,
-        "effect": diagnosis.effect,
-        "configured": configured_as_observed(made),
-    }
+    }  # fmt: skip
+    configured = configured_as_observed(made)
+    models = {"base": diagnosis.base, "effect": diagnosis.effect, "configured": configured}
     for name, model in models.items():
         # Of the configured model where nothing was calibrated: the first rung has its distance.
         number = CONFIGURED_NUMBER

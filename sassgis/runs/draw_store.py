@@ -21,27 +21,14 @@ _ARRAYS = ("trials", "parameters", "numbers", "scores")
 RunNew = Callable[[Sequence[Trial]], Iterable[Seen]]
 
 
-class DrawProgress:
-    """Reports how many draws are done, of how many, and the rocks simulated for them."""
-
-    def __init__(self, on_progress: OnProgress | None, total: int, rocks: int) -> None:
-        self._on_progress, self._total, self._rocks, self._done = on_progress, total, rocks, 0
-
-    def step(self) -> None:
-        """Count one draw more."""
-        self._done += 1
-        if self._on_progress is not None:
-            self._on_progress(self._done, self._total, self._rocks * self._done)
-
-
 def told_tasks(run: TaskMap, n_rocks: int, on_progress: OnProgress | None) -> TaskMap:
     """Return the map of tasks, which have a count of campaigns each, with its progress reported."""
 
     def told(function: Callable[[Any, Any], Any], tasks: Sequence[Any]) -> Iterator[Any]:
-        rocks = sum(task.count for task in tasks) * n_rocks
-        progress = DrawProgress(on_progress, len(tasks), rocks // max(len(tasks), 1))
-        for result in run(function, tasks):
-            progress.step()
+        each = sum(task.count for task in tasks) * n_rocks // max(len(tasks), 1)
+        for done, result in enumerate(run(function, tasks), start=1):
+            if on_progress is not None:
+                on_progress(done, len(tasks), each * done)
             yield result
 
     return told

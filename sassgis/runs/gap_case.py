@@ -11,11 +11,7 @@ from sassgis.errors import InputError
 from sassgis.files.input_parts import file_digest
 from sassgis.gap.fit.parameters import learned_contacts
 from sassgis.gap.fit.site_data import SiteData
-from sassgis.gap.observations.case import (
-    Case,
-    case_of,
-    drop_and_density,
-)
+from sassgis.gap.observations.case import Case, case_of, drop_and_density
 from sassgis.inputs.config import settings_hash
 from sassgis.inputs.observation_files import AnyObservations, observation_source, read_observations
 from sassgis.runs.inputs import read_map_run
@@ -28,14 +24,13 @@ def comparable(problem: SiteData, observations: AnyObservations) -> SiteData:
     """Return problem; InputError if nothing was measured that a simulation can be compared with."""
     if not problem.scored:
         tables = problem.case.observations.tables
+        rows = ", ".join(f"{len(t)} {name}" for name, t in tables.items() if len(t))
         raise InputError(
             "nothing to compare simulations with",
-            file=observations_name(observations),
-            field="deposits, passages, impacts",
-            found=", ".join(f"{len(t)} {name}" for name, t in tables.items() if len(t))
-            or "no rows",
+            file=observations_name(observations), field="deposits, passages, impacts",
+            found=rows or "no rows",
             expected="stops, passages at stations, of 5 rocks or more, or impacts",
-        )
+        )  # fmt: skip
     return problem
 
 

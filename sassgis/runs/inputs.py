@@ -64,11 +64,7 @@ def check_heights(grid: Grid, file: Input) -> None:
 
 
 def read_map_run(config: Config, areas: Sequence[str] | None = None) -> MapRun:
-    """Read every file that the configuration names.
-
-    ``areas`` are the names of the release areas to run, by default all. Of none the file is not
-    read.
-    """
+    """Read every file that the configuration names, for the named release areas; None: all."""
     terrain = config.terrain
     grid = read_terrain(
         config.dem_source, terrain.crs, terrain.vertical_datum, terrain.override_crs
@@ -81,8 +77,11 @@ def read_map_run(config: Config, areas: Sequence[str] | None = None) -> MapRun:
     table = read_ground_table(config.ground.classes, config.engine.readings)
     ground = ground_raster(config.ground, grid, table)
     control_lines = read_control_lines(config, grid)
-    run = map_run_of(config, grid, ground, table, chosen, control_lines, forest_of(config, grid))
-    return on_block_scale(run)
+    forest = forest_of(config, grid)
+    return on_block_scale(
+        map_run_of(config, grid, ground, table, areas=chosen, control_lines=control_lines,
+                   forest=forest)
+    )  # fmt: skip
 
 
 def map_run_of(
@@ -90,26 +89,18 @@ def map_run_of(
     grid: Grid,
     ground: NDArray[np.int32],
     table: GroundTable,
-    areas: Sequence[ReleaseArea],
+    *,
     control_lines: Sequence[tuple[ControlLine, FloatArray]],
-    forest: Forest | None,
+    areas: Sequence[ReleaseArea] = (),
+    forest: Forest | None = None,
 ) -> MapRun:
     """Return a run with the settings of the configuration and inputs that have been read."""
     return MapRun(
-        grid=grid,
-        ground=ground,
-        table=table,
-        areas=tuple(areas),
-        blocks=config.blocks,
-        control_lines=tuple(control_lines),
-        engine=config.engine,
-        terrain=config.terrain,
-        release=config.release,
-        seed=config.run.seed,
-        stop_points_max=config.output.stop_points_max,
-        effects=config.effects,
-        forest=forest,
-    )
+        grid=grid, ground=ground, table=table, areas=tuple(areas), blocks=config.blocks,
+        control_lines=tuple(control_lines), engine=config.engine, terrain=config.terrain,
+        release=config.release, seed=config.run.seed,
+        stop_points_max=config.output.stop_points_max, effects=config.effects, forest=forest,
+    )  # fmt: skip
 
 
 def on_block_scale(run: MapRun) -> MapRun:
@@ -151,10 +142,7 @@ def zoning_files(config: Config) -> dict[str, Input]:
 
 
 def input_digests(config: Config) -> dict[str, str]:
-    """Return digests of all files that a configuration names, by file.
-
-    They are empty where one cannot be read.
-    """
+    """Return digests of all files that a configuration names, empty where one is unreadable."""
     found = {}
     for file in (input_files(config) | zoning_files(config)).values():
         found[str(file)] = ""
@@ -169,11 +157,9 @@ def profile_from_csv(config: Config, path: Input | None = None) -> ProfileInput:
     file = path or (settings.file if settings else None)
     if file is None:
         raise ConfigError(
-            "no profile to run",
-            file=config.file,
-            field="profile.file",
+            "no profile to run", file=config.file, field="profile.file",
             expected="a CSV file, or a point or a fall line to cut a profile from the terrain",
-        )
+        )  # fmt: skip
     table = read_ground_table(config.ground.classes, config.engine.readings)
     default = table.names[default_class(config.ground, table)]
     flat = read_profile(file, table, default)
@@ -195,11 +181,9 @@ def _even_forest(config: Config, s: FloatArray) -> Forest | None:
     for key in FILE_KEYS["effects.trees"]:
         if getattr(trees, key) is not None:
             raise ConfigError(
-                "has no place along a profile from a table",
-                file=config.file,
-                field=f"effects.trees.{key}",
-                expected="stems_per_ha and dbh_cm alone",
-            )
+                "has no place along a profile from a table", file=config.file,
+                field=f"effects.trees.{key}", expected="stems_per_ha and dbh_cm alone",
+            )  # fmt: skip
     n = stretches_of(s).size - 1
     stems, dbh = (trees.stems_per_ha or 0.0), (trees.dbh_cm or 0.0)
     return Forest(np.full(n, stems / 1e4), np.full(n, dbh / 100.0))
@@ -210,8 +194,7 @@ def yearly_frequencies(
 ) -> dict[tuple[str, str], float]:
     """Return blocks released per year, by release area and block scenario.
 
-    The table of frequencies may hold the ``known`` names; default those of the file of release
-    areas.
+    The table of frequencies may hold the ``known`` names; default: of the file of release areas.
     """
     table = OnsetTable({})
     file = config.hazard.frequencies
@@ -238,10 +221,9 @@ def read_rules(config: Config, run: MapRun) -> Rules:
             if config.risk.vulnerability is None:
                 raise ConfigError(
                     "missing key: objects need to know what a hit does to them",
-                    file=config.file,
-                    field="risk.vulnerability",
+                    file=config.file, field="risk.vulnerability",
                     expected="a CSV table: kind, intensity, vulnerability, lethality, source",
-                )
+                )  # fmt: skip
             codes = [c.code for c in preset.intensities]
             vulnerability = read_vulnerability(config.risk.vulnerability, codes)
             vulnerability.check_covers(placed.objects)
@@ -299,17 +281,15 @@ def ref_width(config: Config, cell_size: float) -> float:
     if width is None:
         raise ConfigError(
             "missing key: frequencies need the width that they refer to",
-            file=config.file,
-            field="hazard.ref_width_m",
+            file=config.file, field="hazard.ref_width_m",
             expected="width of the exposed object and a block, as 10 (m)",
-        )
+        )  # fmt: skip
     # Blocks could pass between the centres of two cells and count for neither.
     if width < cell_size * (1.0 - 1e-9):
         raise ConfigError(
             "is narrower than a cell of the terrain model",
-            file=config.file,
-            field="hazard.ref_width_m",
+            file=config.file, field="hazard.ref_width_m",
             found=f"{width:g} m with cells of {cell_size:g} m",
             expected=f"{cell_size:g} m or more, or a finer terrain model",
-        )
+        )  # fmt: skip
     return width

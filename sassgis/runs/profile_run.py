@@ -21,7 +21,7 @@ from sassgis.outputs.frames import profile_tables, write_table
 from sassgis.report.page import ReportContext, in_short, translated_report, write_report
 from sassgis.report.profile_report import profile_report
 from sassgis.runs.inputs import collected_notices, profile_from_csv, read_map_run
-from sassgis.runs.provenance import Origin, byline, provenance, write_origin
+from sassgis.runs.provenance import byline, provenance, write_origin
 from sassgis.runs.resumable_run import AnyConfig, configured
 from sassgis.settings.languages import in_language
 from sassgis.settings.map_run import Forest, MapRun
@@ -51,22 +51,12 @@ _DRAWN = 100
 
 @dataclass(frozen=True, slots=True)
 class ProfileRunResult:
-    """Result of a run along one profile.
-
-    Attributes
-    ----------
-    found : ProfileResult
-        Blocks, passages, paths, quantiles along the slope.
-    warnings : tuple of str
-        What deserves a look before the result is used.
-    report : ReportContext
-        What the report says; a notebook shows it in short.
-    """
+    """Result of a run along one profile."""
 
     folder: Path
-    found: ProfileResult = field(repr=False)
-    warnings: tuple[str, ...] = field(repr=False)
-    report: ReportContext = field(repr=False)
+    found: ProfileResult = field(repr=False)  # blocks, passages, paths, quantiles along the slope
+    warnings: tuple[str, ...] = field(repr=False)  # what deserves a look before it is used
+    report: ReportContext = field(repr=False)  # a notebook shows it in short
 
     def _repr_html_(self) -> str:
         return in_short(self.report, self.folder)
@@ -90,19 +80,15 @@ def profile_input(
     point: tuple[float, float] | None = None,
     line: Input | None = None,
 ) -> ProfileInput:
-    """Return the profile configured, of a table, or of the terrain from a point or under a line.
-
-    InputError, among others, if the point lies outside the terrain model or on nodata, if the file
-    does not hold one line, or the line leaves the terrain model, crosses nodata or is too short.
-    """
+    """Return the profile configured, of a table, or of the terrain from a point or under a line."""
     if point is not None:
         try:
             x, y = point
         except (TypeError, ValueError):
-            expected = "(x, y) in the coordinates of the terrain model"
             raise InputError(
-                "is no point", field="point", found=repr(point), expected=expected
-            ) from None
+                "is no point", field="point", found=repr(point),
+                expected="(x, y) in the coordinates of the terrain model",
+            ) from None  # fmt: skip
         return _fall_line(config, x, y)
     if line is not None:
         return _along_line(config, line)
@@ -140,13 +126,11 @@ def _fall_line(config: Config, x: float, y: float) -> ProfileInput:
     if not len(prepared):
         west, south, east, north = run.grid.bounds
         raise InputError(
-            "no fall line starts here",
-            file=config.dem_source,
-            field="point",
+            "no fall line starts here", file=config.dem_source, field="point",
             found=f"{x:.10g}, {y:.10g}",
             expected=f"a point on known terrain within x {west:.10g} to {east:.10g}, "
             f"y {south:.10g} to {north:.10g}",
-        )
+        )  # fmt: skip
     return _profile_of(f"{config.project.name}: fall line from {x:.0f}, {y:.0f}", run, prepared)
 
 
@@ -211,18 +195,18 @@ def simulate_profile(
         along[name] = dict(zip(PROBABILITIES, values, strict=True))
     numbers = np.arange(len(parts), dtype=np.int64)
     return ProfileResult(
-        profile,
-        np.concatenate([p.rocks for p in parts]),
-        np.repeat(numbers, [p.rocks.size for p in parts]),
-        np.concatenate([p.pieces for p in parts]),
-        np.repeat(numbers, [p.pieces.size for p in parts]),
-        np.repeat(numbers, [p.passages.size for p in parts]),
-        np.concatenate([p.passages for p in parts]),
-        sums,
-        tuple(paths),
-        drawn,
-        flat.cell_s[1:],
-        along,
+        profile=profile,
+        rocks=np.concatenate([p.rocks for p in parts]),
+        scenario=np.repeat(numbers, [p.rocks.size for p in parts]),
+        pieces=np.concatenate([p.pieces for p in parts]),
+        piece_scenario=np.repeat(numbers, [p.pieces.size for p in parts]),
+        passage_scenario=np.repeat(numbers, [p.passages.size for p in parts]),
+        passages=np.concatenate([p.passages for p in parts]),
+        control_lines=sums,
+        paths=tuple(paths),
+        drawn=drawn,
+        stretches=flat.cell_s[1:],
+        along=along,
     )
 
 
@@ -241,8 +225,6 @@ def run_profile(
 
     Parameters
     ----------
-    out : path
-        Folder of the result; appears whole or not at all.
     csv_file : path, optional
         Profile in place of ``[profile] file``.
     point : (x, y), optional
@@ -251,11 +233,6 @@ def run_profile(
         Vector file with one line over the terrain, drawn downwards, in place of a CSV file.
     rocks, seed : int, optional
         In place of those of the configuration.
-
-    Raises
-    ------
-    ConfigError, InputError, OutputError
-        InputError, among others, if no block starts.
     """
     config = configured(config, seed)
     csv, line = (None if f is None else named(f) for f in (csv_file, line_file))
@@ -286,8 +263,8 @@ def run_profile(
             **{f"rocks_{r.name.lower()}": int((reasons == r).sum()) for r in StopReason},
         }
         # The profile, or the line under which it lies, if it is not that of the configuration.
-        origin = Origin({"profile": file} if (file := csv or line) else {})
-        write_origin(work, config, counts, warnings, seed=config.run.seed, origin=origin)
+        inputs = {"profile": file} if (file := csv or line) else {}
+        write_origin(work, config, counts, warnings, seed=config.run.seed, inputs=inputs)
     return ProfileRunResult(Path(out), result, tuple(warnings), report)
 
 

@@ -73,22 +73,12 @@ def propose_release(
 ) -> Proposal:
     """Propose release areas from slope and ground and write them into a GeoPackage.
 
-    InputError, among others, if there is nothing to propose.
-
     Parameters
     ----------
-    dem : Path
-        Terrain model, a raster or a folder of tiles.
-    out : Path
-        GeoPackage to write.
     crs : str, optional
         Of the terrain model, where it states none, or with ``override_crs`` in place of it.
     ground : Path, optional
-        Polygons of ground classes: what they call rock counts from a gentler slope on.
-    class_field, layer : str
-        Of the ground polygons.
-    rock : str
-        Class that is rock.
+        Polygons of ground classes: what they call ``rock`` counts from a gentler slope on.
     threshold_deg : float, optional
         Used in place of the slope from which cliffs prevail (degrees).
     min_area_m2 : float
@@ -106,10 +96,8 @@ def propose_release(
         if ground is not None:
             table = read_ground_table()
             other = next(name for name in table.names if name != rock)
-            settings = GroundSettings(
-                default=other, file=ground, layer=layer, class_field=class_field
-            )
-            known = ground_raster(settings, grid, table) == table.index(rock)
+            own = GroundSettings(default=other, file=ground, layer=layer, class_field=class_field)
+            known = ground_raster(own, grid, table) == table.index(rock)
         threshold = threshold_deg
         if threshold is None:
             assert found is not None
@@ -121,12 +109,11 @@ def propose_release(
         patches = cliff_patches(slopes, threshold, least, known, rock_deg)
         if not patches.any():
             raise InputError(
-                "holds no release area",
-                file=dem,
+                "holds no release area", file=dem,
                 found=f"no {least} connected cells of {threshold:.1f} degrees or more; "
                 f"the steepest has {np.nanmax(slopes):.1f}",
                 expected="steeper ground, a lower --threshold or a smaller --min-area",
-            )
+            )  # fmt: skip
         proposed = proposed_areas(patches, grid, slopes, known)
         facts: dict[str, object] = {
             "method": "slope angle distribution (Loye, Jaboyedoff and Pedrazzini, 2009)",

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
 from datetime import date
 from pathlib import Path
 
@@ -20,16 +19,6 @@ from sassgis.settings.run_config import Config
 from sassgis.settings.schema import Input
 
 
-@dataclass(frozen=True, slots=True)
-class Origin:
-    """Origin of a result besides the files that every run of its configuration reads."""
-
-    inputs: Mapping[str, Input] = field(default_factory=dict)  # files by their role
-    preset: str = ""
-    # Reference widths besides that of the reach probability (m).
-    ref_widths_m: dict[str, float] = field(default_factory=dict)
-
-
 def write_origin(
     work: Path,
     config: Config,
@@ -38,26 +27,31 @@ def write_origin(
     *,
     seed: int,
     grid: Grid | None = None,
-    origin: Origin,
+    inputs: Mapping[str, Input] | None = None,
+    preset: str = "",
+    hazard_width_m: float | None = None,
     settings: Mapping[str, object] | None = None,
     checks: Mapping[str, object] | None = None,
     maps: bool = True,
 ) -> None:
     """Write the manifest of a result of a configuration, after all other files.
 
-    Without ``grid`` it lies on no map; ``maps`` are those of the blocks. The settings are written
-    next to those of the configuration.
+    Without ``grid`` it lies on no map; ``maps`` are those of the blocks. Inputs by their role and
+    settings are written next to those of the configuration; ``hazard_width_m`` is the reference
+    width of the hazard.
     """
-    reach = {"reach_probability": grid.cell_size} if maps and grid is not None else {}
+    widths = {"reach_probability": grid.cell_size} if maps and grid is not None else {}
+    if hazard_width_m is not None:
+        widths["hazard"] = hazard_width_m
     write_manifest(
         work / MANIFEST_NAME,
-        inputs={**input_files(config), **origin.inputs},
+        inputs={**input_files(config), **(inputs or {})},
         base=config.base,
         crs="" if grid is None else grid.crs,
         vertical_datum="" if grid is None else grid.vertical_datum,
         seed=seed,
-        ref_widths_m=reach | origin.ref_widths_m,
-        preset=origin.preset,
+        ref_widths_m=widths,
+        preset=preset,
         settings=as_named(config) | dict(settings or {}),
         counts=counts,
         warnings=warnings,

@@ -42,7 +42,7 @@ from sassgis.report.protection_page import PAGE_NAME, ProtectionSheet, write_pro
 from sassgis.report.run_summary import Lines, object_lines, run_lines
 from sassgis.report.zone_report import BARRIERS_TITLE
 from sassgis.runs.map_answers import area_rows, blocks_by_source
-from sassgis.runs.provenance import Origin, byline, facts_of, made_on, provenance, write_origin
+from sassgis.runs.provenance import byline, facts_of, made_on, provenance, write_origin
 from sassgis.runs.resumable_run import Simulation
 from sassgis.settings.exposure import PlacedObjects
 from sassgis.settings.results import RasterLayer, StopReason
@@ -56,30 +56,6 @@ from sassgis.simulation.workers import beside
 
 
 @dataclass(frozen=True, slots=True)
-class ForReport:
-    """Additions to the report of a run."""
-
-    # What draws its figures and the sheets of protection, and returns them.
-    figures: Callable[[], tuple[ReportFigure, ...]] = tuple
-    sheets: Callable[[], tuple[ProtectionSheet, ...]] = tuple
-    key_results: ReportTable | None = None  # heads the report, in place of the stopping reasons
-    tables: tuple[ReportTable, ...] = ()
-    described: Lines = ()  # added to what was computed
-    summary: Lines = ()  # added to the answer in short
-    spread: Lines = ()  # added to it after the run-out
-
-
-@dataclass(frozen=True, slots=True)
-class ForMapPage:
-    """Zones, sources, places and release areas of the interactive map."""
-
-    hazard: MapHazard | None = None
-    contributions: Sequence[Contribution] = ()
-    places: Mapping[tuple[str, str], PlaceFacts] = field(default_factory=dict)
-    frequencies: Mapping[tuple[str, str], float] = field(default_factory=dict)
-
-
-@dataclass(frozen=True, slots=True)
 class Extras:
     """Contents of a result besides the maps of the blocks themselves."""
 
@@ -90,7 +66,7 @@ class Extras:
     layouts: Callable[[PrintLayout], tuple[PrintLayout, ...]] = lambda _words: ()
     facts: dict[str, object] = field(default_factory=dict)  # added to those of the run
     frames: dict[str, Any] = field(default_factory=dict)  # written to tables/<name>.csv
-    origin: Origin = field(default_factory=Origin)
+    origin: dict[str, Any] = field(default_factory=dict)  # arguments of write_origin
     warnings: tuple[str, ...] = ()
     # Exposed objects, drawn on the maps; their hazard levels by name, and what reaches them, by
     # frequency, where there are zones.
@@ -98,17 +74,23 @@ class Extras:
     levels: dict[str, str] = field(default_factory=dict)
     objects: ObjectValues | None = None
     edits: VectorLayer | None = None  # written to edits.gpkg
-    report: ForReport = field(default_factory=ForReport)
-    page: ForMapPage = field(default_factory=ForMapPage)
+    # Of the report: what draws its figures and the sheets of protection, and returns them.
+    figures: Callable[[], tuple[ReportFigure, ...]] = tuple
+    sheets: Callable[[], tuple[ProtectionSheet, ...]] = tuple
+    key_results: ReportTable | None = None  # heads the report, in place of the stopping reasons
+    tables: tuple[ReportTable, ...] = ()
+    described: Lines = ()  # added to what was computed
+    summary: Lines = ()  # added to the answer in short
+    spread: Lines = ()  # added to it after the run-out
+    # Of the interactive map: zones, sources, places and release areas.
+    hazard: MapHazard | None = None
+    contributions: Sequence[Contribution] = ()
+    places: Mapping[tuple[str, str], PlaceFacts] = field(default_factory=dict)
+    frequencies: Mapping[tuple[str, str], float] = field(default_factory=dict)
 
 
-@dataclass(frozen=True, slots=True)
-class Published:
-    """Files written of a run on the map."""
-
-    layers: tuple[RasterLayer, ...]  # all maps
-    report: ReportContext  # in its language
-    warnings: tuple[str, ...]  # in English
+#: All maps; the report in its language; the warnings in English.
+Published = tuple[tuple[RasterLayer, ...], ReportContext, tuple[str, ...]]
 
 
 def publish_map(
@@ -155,12 +137,13 @@ def publish_map(
         tell("Drawing the figures")
         context = reported()
     write_origin(
-        work, config, counts, warnings, seed=run.seed, grid=run.grid, origin=extras.origin,
+        work, config, counts, warnings, seed=run.seed, grid=run.grid,
         settings=({} if areas is None else {"areas": sorted(areas)})
         | ({"zoning": extras.facts} if extras.facts else {}),
         checks={} if done.tolerance is None else {"segment_tolerance": done.tolerance.facts()},
+        **extras.origin,
     )  # fmt: skip
-    return Published((*extras.layers, *layers, terrain), context, warnings)
+    return (*extras.layers, *layers, terrain), context, warnings
 
 
 def block_maps(
@@ -251,7 +234,6 @@ def _write_report(
     if done.tolerance is not None:
         named["tolerance_check"] = done.tolerance.sentence()
     objects = map_objects(extras.placed)
-    own, asked = extras.report, extras.page
     context = map_report(
         run, planned, progress, layers, shown, warnings, {**facts, **named}, work / "figures",
         objects,
@@ -259,8 +241,8 @@ def _write_report(
     values = extras.objects or values_at_objects(done, None, ())
     exposed = exposed_table(extras.placed, values, extras.levels)
     lines = run_lines(progress, reach_angles(run, planned, progress))
-    first = () if own.key_results is None else (context.key_results,)
-    drawn, sheets = own.figures(), own.sheets()
+    first = () if extras.key_results is None else (context.key_results,)
+    drawn, sheets = extras.figures(), extras.sheets()
     others = [("map.html", "The map in a browser")]
     if sheets:
         change = next((f for f in drawn if f.title == BARRIERS_TITLE), None)
@@ -274,22 +256,18 @@ def _write_report(
             byline=byline(config),
             files_beside=tuple(others),
             summary=(
-                *own.summary[:1],
-                *lines[:1],
-                *own.spread,
-                *lines[1:],
-                *object_lines(exposed),
-                *own.summary[1:],
+                *extras.summary[:1], *lines[:1], *extras.spread, *lines[1:],
+                *object_lines(exposed), *extras.summary[1:],
             ),
-            key_results=own.key_results or context.key_results,
+            key_results=extras.key_results or context.key_results,
             figures=(*drawn, *context.figures),
-            tables=(most_exposed(exposed), *own.tables, *first, *context.tables),
-            what_was_run=(*own.described, *context.what_was_run),
+            tables=(most_exposed(exposed), *extras.tables, *first, *context.tables),
+            what_was_run=(*extras.described, *context.what_was_run),
             provenance=(*provenance(config).items(), ("Configuration", config.label)),
         )
-    )
+    )  # fmt: skip
     write_report(work / "report.html", report)
-    rows = area_rows(run, asked.frequencies)
+    rows = area_rows(run, extras.frequencies)
     write_map_page(
         work / "map.html",
         config.project.name,
@@ -297,10 +275,10 @@ def _write_report(
         (*extras.layers, *layers),
         [(area.name, area.geometry, rows[area.name]) for area in run.areas],
         objects,
-        asked.contributions or blocks_by_source(run, progress),
+        extras.contributions or blocks_by_source(run, progress),
         some_paths(run, planned),
-        asked.places,
-        asked.hazard,
+        extras.places,
+        extras.hazard,
         first_warnings(warnings),
     )
     return report
@@ -316,12 +294,7 @@ def values_at_objects(
     run, bins = done.run, bins_of(done.run)
     own = sampled_sources(run, done.progress, None) if sampled is None else sampled
     return object_values(
-        run.objects,
-        [s.source for s in own],
-        [s.objects for s in own],
-        bins.threshold,
-        done.progress.sums if heights else None,
-        bins.edges["height"],
-        return_periods=return_periods,
-        confidence=done.config.hazard.confidence,
-    )
+        run.objects, [s.source for s in own], [s.objects for s in own], bins.threshold,
+        done.progress.sums if heights else None, bins.edges["height"],
+        return_periods=return_periods, confidence=done.config.hazard.confidence,
+    )  # fmt: skip

@@ -42,9 +42,9 @@ def with_spread(
     """
     if drawn is None:
         return extras
-    spread, run = drawn.spread, done.run
-    layers = spread_layers(drawn.maps, spread.draws, run.grid, preset, run.ref_width_m)
-    vectors = spread_vectors(drawn.maps, spread.draws, run.grid, preset)
+    (spread, maps, answers), run = drawn, done.run
+    layers = spread_layers(maps, spread.draws, run.grid, preset, run.ref_width_m)
+    vectors = spread_vectors(maps, spread.draws, run.grid, preset)
     write_geopackage(work / _VECTORS, vectors, facts_of(done.config, run))
     rasters = (LayerEntry(own, f"maps/{own.stem}.tif", visible=False) for own in layers)
     group = LayerGroup(
@@ -56,15 +56,13 @@ def with_spread(
         expanded=False,
     )
 
-    own = extras.report
-
     def figures() -> tuple[ReportFigure, ...]:
         marks = map_marks(run, map_objects(extras.placed))
-        return (*own.figures(), *map_pictures(work / "figures", run.grid, layers, marks))
+        return (*extras.figures(), *map_pictures(work / "figures", run.grid, layers, marks))
 
     frames = {
         "ground_uncertainty": band_table(spread.bands),
-        "ground_draws": answer_table(drawn.answers, spread.ranges),
+        "ground_draws": answer_table(answers, spread.ranges),
         "ground_spread": range_table(spread.ranges),
     }
     return replace(
@@ -72,10 +70,7 @@ def with_spread(
         layers=(*extras.layers, *layers),
         groups=(*extras.groups, group),
         frames=extras.frames | frames,
-        report=replace(
-            own,
-            figures=figures,
-            tables=(*own.tables, spread_table(spread)),
-            spread=spread_lines(spread),
-        ),
+        figures=figures,
+        tables=(*extras.tables, spread_table(spread)),
+        spread=spread_lines(spread),
     )

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 from sassgis.files.vector_layer import VectorLayer
 from sassgis.grid import Grid
@@ -31,8 +32,7 @@ from sassgis.report.run_summary import zone_lines
 from sassgis.report.zone_report import level_table, zone_facts_of, zone_figures, zone_tables
 from sassgis.runs.inputs import zoning_files
 from sassgis.runs.map_answers import line_facts, map_hazard, object_facts, rates_by_source
-from sassgis.runs.provenance import Origin
-from sassgis.runs.publish import Extras, ForMapPage, ForReport, values_at_objects
+from sassgis.runs.publish import Extras, values_at_objects
 from sassgis.runs.resumable_run import Simulation
 from sassgis.settings.hazard_rules import HazardCurves
 from sassgis.settings.results import RasterLayer
@@ -110,29 +110,23 @@ def zone_extras(rules: Rules, found: Assessment, done: Simulation, figures: Path
         vectors=(*own, *risk, *federal),
         groups=zone_groups(maps, own, risk, federal, preset, edits),
         layouts=lambda words: zone_layouts(words, rules, found, own, risk, grid),
-        report=ForReport(
-            figures=partial(
-                zone_figures, run, rules, found, maps, figures, confidence=confidence,
-                currency=currency, history=done.progress.history,
-                changed_share_max=0.0 if budget is None else budget.changed_share,
-            ),
-            sheets=sheets,
-            key_results=levels,
-            tables=zone_tables(
-                preset, found, sources, design, return_periods_years=periods, currency=currency
-            ),
-            described=zone_facts_of(rules),
-            summary=zone_lines(levels, found, edge, confidence, currency),
+        figures=partial(
+            zone_figures, run, rules, found, maps, figures, confidence=confidence,
+            currency=currency, history=done.progress.history,
+            changed_share_max=0.0 if budget is None else budget.changed_share,
         ),
-        page=ForMapPage(
-            map_hazard(rules, found),
-            rates_by_source(hazard.sampled),
-            line_facts(run, found.without_barriers, periods)
-            | object_facts(
-                found.risk, hazard.sampled, hazard.curves.energies_kj, on_objects, currency
-            ),
-            rules.frequencies,
+        sheets=sheets,
+        key_results=levels,
+        tables=zone_tables(
+            preset, found, sources, design, return_periods_years=periods, currency=currency
         ),
+        described=zone_facts_of(rules),
+        summary=zone_lines(levels, found, edge, confidence, currency),
+        hazard=map_hazard(rules, found),
+        contributions=rates_by_source(hazard.sampled),
+        places=line_facts(run, found.without_barriers, periods)
+        | object_facts(found.risk, hazard.sampled, hazard.curves.energies_kj, on_objects, currency),
+        frequencies=rules.frequencies,
         levels=on_objects,
         objects=values,
         facts={
@@ -202,6 +196,9 @@ def group_extras(
     )
 
 
-def _origin(config: Config, rules: Rules) -> Origin:
-    """Return the inputs of a zoning besides the run."""
-    return Origin(zoning_files(config), rules.preset.name, {"hazard": rules.ref_width_m})
+def _origin(config: Config, rules: Rules) -> dict[str, Any]:
+    """Return the inputs of a zoning besides the run, as arguments of write_origin."""
+    return {
+        "inputs": zoning_files(config), "preset": rules.preset.name,
+        "hazard_width_m": rules.ref_width_m,
+    }  # fmt: skip

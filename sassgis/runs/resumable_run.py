@@ -117,10 +117,7 @@ def check_means(config: Config, run: MapRun, jobs: Jobs = None) -> None:
 
 
 def jobs_within(config: Config, run: MapRun, jobs: Jobs, memory_gb: float | None) -> Jobs:
-    """Return as many of the threads asked for as fit into a memory; other workers as they are.
-
-    InputError: one thread does not fit, or what this process needs for others who work.
-    """
+    """Return as many of the threads asked for as fit into a memory; other workers as they are."""
     if memory_gb is None:
         return jobs
     most, asked = int(memory_gb * 1e9), workers_asked(config, jobs)
@@ -145,8 +142,7 @@ def simulate_job(
     Parameters
     ----------
     next_round : callable, optional
-        Asked after the repetitions of the run, and after each that it returns, for another one;
-        None ends the simulation.
+        Asked after the repetitions of the run, and after each that it returns, for another one.
     schedule : str
         What the repetitions depend on: a saved state of another schedule is not used, as it may
         hold more of them than this one needs.
@@ -160,13 +156,13 @@ def simulate_job(
     check_means(config, run, place.jobs)
     jobs = workers_asked(config, place.jobs)
     check_starts(run, planned.points, lambda: planned, config.release.file)
-    fingerprint = state_fingerprint(config, run, schedule)
-    checkpoint = Checkpoint(place.folder, fingerprint, part)
+    checkpoint = Checkpoint(place.folder, state_fingerprint(config, run, schedule), part)
     began = time.perf_counter()
-    resumed = checkpoint.restore(run, tell)
-    progress = resumed if resumed is not None else Progress.fresh(run)
-    if resumed is not None:
-        tell(f"Resuming after {resumed.chunks} chunks of an interrupted run")
+    progress = checkpoint.restore(run, tell)
+    if progress is None:
+        progress = Progress.fresh(run)
+    else:
+        tell(f"Resuming after {progress.chunks} chunks of an interrupted run")
     while True:
         run = replace(run, rounds=progress.rounds)
         tell("Simulating")
@@ -242,10 +238,9 @@ def simulate_saved(
     on_progress: OnProgress | None = None,
     rows: bool = False,
 ) -> None:
-    """Simulate, saving the state now and then and when the user stops the run.
+    """Simulate, saving the growing progress now and then and when the user stops the run.
 
-    ``progress`` is what there is already, and grows. With ``rows`` the checkpoint keeps those of
-    single blocks.
+    With ``rows`` the checkpoint keeps those of single blocks.
     """
     saved = began = time.monotonic()
     before = progress.seconds

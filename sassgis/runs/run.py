@@ -44,35 +44,21 @@ _AUTO = (
 class RunResult:
     """Result of a run.
 
-    Attributes
-    ----------
-    n_blocks : int
-        Simulated blocks.
-    reasons : dict of StopReason to int
-        Blocks by the reason of their end, with their weights.
-    warnings : tuple of str
-        What the user should know before trusting the maps.
-    seconds : float
-        Time of only the simulation.
-    run, planned, progress, layers
-        Inputs, plan, sums and all maps, for further work in Python; ``maps`` returns these as a
-        dataset.
-    report : ReportContext
-        What the report says; a notebook shows it in short.
-    spread : GroundSpread or None
-        Bands by the spread of the ground classes; None where no draws were asked for.
+    ``run``, ``planned``, ``progress`` and ``layers`` are for further work in Python: inputs, plan,
+    sums and all maps; ``maps`` returns these as a dataset.
     """
 
     folder: Path
-    n_blocks: int
-    reasons: dict[StopReason, int]
-    warnings: tuple[str, ...]
-    seconds: float
+    n_blocks: int  # simulated
+    reasons: dict[StopReason, int]  # blocks by the reason of their end, with their weights
+    warnings: tuple[str, ...]  # what the user should know before trusting the maps
+    seconds: float  # of only the simulation
     run: MapRun = field(repr=False)
     planned: Plan = field(repr=False)
     progress: Progress = field(repr=False)
     layers: tuple[RasterLayer, ...] = field(repr=False)
-    report: ReportContext = field(repr=False)
+    report: ReportContext = field(repr=False)  # a notebook shows it in short
+    # Bands by the spread of the ground classes; None where no draws were asked for.
     spread: GroundSpread | None = field(default=None, repr=False)
 
     @property
@@ -109,8 +95,6 @@ def run(
     ----------
     out : path
         Folder of the result; appears whole or not at all.
-    overwrite : bool
-        Whether a result that is there already may be replaced.
     areas : sequence of str, optional
         Names of the release areas to run; default: all. Their blocks are those of a run of all.
     seed, jobs : int, optional
@@ -159,9 +143,11 @@ def result_of(
     out: Path, done: Simulation, published: Published, drawn: DrawnGround | None
 ) -> RunResult:
     """Return the result of a run."""
-    reasons = {r: int(done.progress.reasons[r]) for r in StopReason}
+    layers, report, warnings = published
     return RunResult(
-        out, done.progress.simulated, reasons, published.warnings, done.seconds,
-        done.run, done.planned, done.progress, published.layers, published.report,
-        None if drawn is None else drawn.spread,
+        folder=out, n_blocks=done.progress.simulated,
+        reasons={r: int(done.progress.reasons[r]) for r in StopReason},
+        warnings=warnings, seconds=done.seconds, run=done.run, planned=done.planned,
+        progress=done.progress, layers=layers, report=report,
+        spread=None if drawn is None else drawn[0],
     )  # fmt: skip

@@ -116,10 +116,8 @@ class ScenarioFrequencies:
             "blocks": self.blocks,
             "fits": [
                 {
-                    "complete_from_m3": law.complete_from,
-                    "up_to_m3": law.up_to,
-                    "blocks": law.survey.blocks,
-                    "exponent": asdict(law.exponent),
+                    "complete_from_m3": law.complete_from, "up_to_m3": law.up_to,
+                    "blocks": law.survey.blocks, "exponent": asdict(law.exponent),
                 }
                 for law in (self.law, *self.higher)
             ],
@@ -128,7 +126,7 @@ class ScenarioFrequencies:
             "total": scenario(self.total),
             "scenarios": [scenario(one) for one in self.scenarios],
             "warnings": self.warnings,
-        }
+        }  # fmt: skip
 
 
 def scenario_frequencies(
@@ -148,8 +146,6 @@ def scenario_frequencies(
 
     Parameters
     ----------
-    file : Path
-        The table.
     limits : sequence of float
         Limits of the volumes of the scenarios (m3), rising.
     complete_from, up_to : float
@@ -203,11 +199,10 @@ def _check_limits(limits: Sequence[float], least: float, most: float) -> None:
     rising = all(low < high for low, high in pairwise(limits))
     if len(limits) == 1 or not rising or (limits and not least <= limits[0] <= limits[-1] <= most):
         raise ConfigError(
-            "cannot be limits of scenarios",
-            field="--scenarios",
+            "cannot be limits of scenarios", field="--scenarios",
             found=",".join(f"{v:g}" for v in limits),
             expected=f"two or more rising volumes within {least:g} and {most:g} m3, as 0.1,1,10",
-        )
+        )  # fmt: skip
 
 
 def _rounded(value: float) -> float:

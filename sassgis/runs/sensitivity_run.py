@@ -24,7 +24,7 @@ from sassgis.outputs.raster import write_over_relief
 from sassgis.report.page import translated_report, write_report
 from sassgis.report.variants_report import sensitivity_report
 from sassgis.runs.inputs import read_rules, states_frequencies
-from sassgis.runs.provenance import Origin, provenance, write_origin
+from sassgis.runs.provenance import provenance, write_origin
 from sassgis.runs.resumable_run import AnyConfig, Workplace, configured, read_job
 from sassgis.runs.variant_lab import VariantLab
 from sassgis.runs.zone import prepared
@@ -77,21 +77,19 @@ def sensitivity(
 ) -> SensitivityResult:
     """Simulate a configuration with the values that its ground classes might have.
 
-    Levels need onset frequencies; without them only reach and energy are compared.
+    Levels need onset frequencies; without them only reach and energy are compared. An interrupted
+    call leaves what it simulated next to ``out``; the same call goes on from there.
 
     Parameters
     ----------
-    out : path
-        Folder of the result; appears whole or not at all. An interrupted call leaves what it
-        simulated next to it; the same call goes on from there.
     samples : int
         Simulations with values that fill all ranges at once.
     rocks : int, optional
         Blocks of each release point in each simulation; default: a fifth of the configured ones.
     ranges : Path, optional
         Own table of ranges, before the built-in one; default: that of the configuration.
-    overwrite, areas, seed, jobs, on_progress, say
-        As for sassgis.runs.run.run; progress counts simulations.
+    on_progress : callable, optional
+        As for sassgis.runs.run.run; counts simulations.
     """
     config = configured(config, seed)
     tell = say or (lambda _text: None)
@@ -105,9 +103,7 @@ def sensitivity(
         few = max(_FEWEST_ROCKS, round(_ROCKS_SHARE * given)) if rocks is None else rocks
         run = replace(job.run, release=replace(job.run.release, rocks_per_point=few))
         check_starts(run, job.planned.points, lambda: job.planned, config.release.file)
-        lab = VariantLab(
-            replace(job, run=run), rules, Workplace(work, jobs, on_progress, tell)
-        )  # fmt: skip
+        lab = VariantLab(replace(job, run=run), rules, Workplace(work, jobs, on_progress, tell))
         varied, variants, findings = _simulated(lab, known, samples, tell)
         tell("Writing maps, tables and report")
         warnings = (*job.notices, *_warnings(rules, varied))
@@ -127,13 +123,10 @@ def sensitivity(
             write_table(work / "tables" / f"{name}.csv", [frame])
         with in_language(config.project.language):
             write_over_relief(
-                work,
-                run.grid,
-                layers,
-                group="Sensitivity to the ground",
+                work, run.grid, layers, group="Sensitivity to the ground",
                 title=translated(phrase("{}: sensitivity", config.project.name)),
                 abstract="How results change within the ranges of the ground classes",
-            )
+            )  # fmt: skip
             context = sensitivity_report(
                 config.project.name, run, found, maps, layers, samples, findings[0].blocks,
                 rules is not None, work / "figures",
@@ -141,25 +134,17 @@ def sensitivity(
             facts = provenance(config) | {"Configuration": config.label}
             context = replace(context, warnings=warnings, provenance=tuple(facts.items()))
             write_report(work / "report.html", translated_report(context))
+        counts = {
+            "simulations": len(findings), "ranges": len(varied), "rocks_per_point": few,
+            "rocks_per_simulation": findings[0].blocks,
+        }  # fmt: skip
         write_origin(
-            work,
-            config,
-            {
-                "simulations": len(findings),
-                "ranges": len(varied),
-                "rocks_per_point": run.release.rocks_per_point,
-                "rocks_per_simulation": findings[0].blocks,
-            },
-            warnings,
-            seed=run.seed,
-            grid=run.grid,
-            origin=Origin(
-                {} if ranges is None else {"ranges": ranges},
-                "" if preset is None else preset.name,
-                {} if rules is None else {"hazard": run.ref_width_m},
-            ),
+            work, config, counts, warnings, seed=run.seed, grid=run.grid,
+            inputs={} if ranges is None else {"ranges": ranges},
+            preset="" if preset is None else preset.name,
+            hazard_width_m=None if rules is None else run.ref_width_m,
             settings={} if areas is None else {"areas": sorted(areas)},
-        )
+        )  # fmt: skip
     return SensitivityResult(Path(out), varied, tuple(found), len(findings), warnings)
 
 
@@ -172,18 +157,13 @@ def _simulated(
     """
     tell("Simulating the classes as they are, and at their farthest")
     seed = lab.run.seed
-    variants = [
-        Variant(BASE), Variant(CHANCE, seed=seed + 1),
-        farthest(lab.ranges(rules, lab.everywhere())),
-    ]  # fmt: skip
+    variants = [Variant(BASE), Variant(CHANCE, seed=seed + 1), farthest(lab.ranges(rules))]
     findings = [lab.found(v) for v in variants]
     reached = np.unique(np.concatenate([f.cells for f in findings]))
     ranges = lab.ranges(rules, reached)
     if not ranges:
-        met = ", ".join(lab.classes(reached))
-        raise InputError(
-            "no range to vary", found=f"ground classes {met}", expected="ranges of them"
-        )
+        met = "ground classes " + ", ".join(lab.classes(reached))
+        raise InputError("no range to vary", found=met, expected="ranges of them")
     more = [*ends_of(ranges), *filling(ranges, samples, seed)]
     lab.total = len(variants) + len(more)
     tell(f"Simulating {len(ranges)} ranges alone and {samples} points of all")

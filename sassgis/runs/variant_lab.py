@@ -5,7 +5,8 @@ from __future__ import annotations
 import hashlib
 import json
 from collections.abc import Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import fields, replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -80,27 +81,29 @@ class VariantLab:
         asked = repr((self.run.release.rocks_per_point, judged, _KEPT))
         self._fingerprint = state_fingerprint(job.config, self.run, asked)
         assert place.folder is not None
-        self._part, self._folder = part, place.folder / CHECKPOINT_STEM / part
+        self._folder = place.folder / CHECKPOINT_STEM / part
+        # What remains of a stopped simulation, of use only to the same one.
+        self._under_way = partial(Checkpoint, place.folder, part=str(Path(part, "under_way")))
         self._workers = workers_asked(job.config, place.jobs)
         self._seen: set[str] = set()
         self._blocks = 0
 
     def names(self, objects: Sequence[str]) -> Names:
         """Return the names to the numbers of findings."""
-        levels = () if self._rules is None else tuple(c.label for c in self._rules.preset.levels)
-        return Names(levels, tuple(line.name for line, _ in self.run.control_lines), tuple(objects))
+        levels = [] if self._rules is None else [c.label for c in self._rules.preset.levels]
+        return levels, [line.name for line, _ in self.run.control_lines], objects
 
-    def ranges(self, rules: Sequence[RangeRule], cells: np.ndarray) -> tuple[ParameterRange, ...]:
-        """Return ranges of the values that act, of the ground classes on cells (flat indices)."""
+    def ranges(
+        self, rules: Sequence[RangeRule], cells: np.ndarray | None = None
+    ) -> tuple[ParameterRange, ...]:
+        """Return ranges of values that act, of the classes on cells; default all with a height."""
+        if cells is None:
+            cells = np.flatnonzero(np.isfinite(self.run.grid.values))
         return ranges_of(self.run.table, self.classes(cells), rules, acting(self.run.engine))
 
     def classes(self, cells: np.ndarray) -> list[str]:
         """Return names of the ground classes on some cells (flat indices)."""
         return [self.run.table.names[i] for i in np.unique(self.run.ground.ravel()[cells])]
-
-    def everywhere(self) -> np.ndarray:
-        """Return all cells with a height."""
-        return np.flatnonzero(np.isfinite(self.run.grid.values))
 
     def found(self, variant: Variant) -> VariantFinding:
         """Return the results of the variant, computed now or in an earlier call."""
@@ -114,7 +117,7 @@ class VariantLab:
             found = self._simulated(variant, digest)
             with writing(file):
                 file.parent.mkdir(parents=True, exist_ok=True)
-                write_saved(file, found.arrays(), digest)
+                write_saved(file, {name: getattr(found, name) for name in _KEPT}, digest)
             self._under_way(digest).forget()
         if variant.name not in self._seen:
             self._seen.add(variant.name)
@@ -123,10 +126,6 @@ class VariantLab:
                 done = len(self._seen)
                 self._place.on_progress(done, max(self.total, done), self._blocks)
         return found
-
-    def _under_way(self, digest: str) -> Checkpoint:
-        """Return the remains of a stopped simulation, of use only to the same one."""
-        return Checkpoint(self._place.folder, digest, str(Path(self._part, "under_way")))
 
     def _simulated(self, variant: Variant, digest: str) -> VariantFinding:
         run = replace(
@@ -150,13 +149,8 @@ class VariantLab:
 # Draws of the ground classes
 
 
-@dataclass(frozen=True, slots=True)
-class DrawnGround:
-    """Results of the draws of a run."""
-
-    spread: GroundSpread
-    maps: CellMaps
-    answers: Answers
+#: Results of the draws of a run.
+DrawnGround = tuple[GroundSpread, CellMaps, Answers]
 
 
 def spread_rules(config: Config, run: MapRun) -> tuple[RangeRule, ...]:
@@ -183,9 +177,8 @@ def drawn_ground(
     place.tell(f"Simulating {draws} draws of the ground classes")
     # Of a road the whole, as in the report: a band of each stretch says less.
     wholes, exposed = cells_of_wholes(placed, done.run.grid)
-    lab = VariantLab(
-        Job(done.config, done.run, done.planned, ()), rules, place, _DRAWS, exposed
-    )  # fmt: skip
+    job = Job(done.config, done.run, done.planned, ())
+    lab = VariantLab(job, rules, place, _DRAWS, exposed)
     base = finding_of(done.run, done.progress, rules, exposed)
     return _drawn(lab, known, draws, base, wholes)
 
@@ -198,16 +191,16 @@ def _drawn(
     exposed: Sequence[str] = (),
 ) -> DrawnGround:
     """Simulate draws and return their results and the base's; ``exposed`` are names of objects."""
-    ranges = lab.ranges(known, lab.everywhere())
+    ranges = lab.ranges(known)
     variants = [draw_of(ranges, lab.run.seed, k) for k in range(draws)]
     lab.total += draws
     names, cell_m2 = lab.names(exposed), lab.run.grid.cell_size**2
     # Only one is held at a time.
     table = answers(base, ((v, lab.found(v)) for v in variants), names, cell_m2)
     maps = spread_maps(base, lambda: map(lab.found, variants))
-    areas = level_areas(maps, cell_m2) if names.levels else None
-    met = lab.ranges(known, maps.cells)
-    return DrawnGround(GroundSpread(draws, met, spread_bands(table), areas), maps, table)
+    areas = level_areas(maps, cell_m2) if names[0] else None
+    met = lab.ranges(known, maps[0])
+    return GroundSpread(draws, met, spread_bands(table), areas), maps, table
 
 
 def runout_bands(
@@ -231,5 +224,5 @@ def runout_bands(
         check_starts(job.run, job.planned.points, lambda: job.planned, config.release.file)
         lab = VariantLab(job, None, place, _DRAWS)
         lab.total = 1
-        found = _drawn(lab, known, draws, lab.found(Variant(BASE))).spread
-    return found.band(MEDIAN), found.band(FAR)
+        spread, _, _ = _drawn(lab, known, draws, lab.found(Variant(BASE)))
+    return spread.band(MEDIAN), spread.band(FAR)

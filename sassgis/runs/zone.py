@@ -77,18 +77,8 @@ def zone(
     """Run a configuration and make hazard zones, and the risk of exposed objects if there are any.
 
     Everything that sassgis.runs.run.run writes, and ``hazard.gpkg``, maps of level, intensity,
-    return period and confidence, tables of zones, barriers and risk.
-
-    Parameters
-    ----------
-    config, out, overwrite, areas, seed, jobs, memory_gb, on_progress, say
-        As for sassgis.runs.run.run.
-
-    Raises
-    ------
-    ConfigError, InputError, OutputError
-    Interrupted
-        If the user stops the run; its state is kept.
+    return period and confidence, tables of zones, barriers and risk. Parameters and errors are
+    those of sassgis.runs.run.run.
     """
     config = configured(config, seed)
     tell = say or (lambda _text: None)
@@ -116,6 +106,7 @@ def write_zones(
     without: Simulation | None,
     areas: Sequence[str] | None,
     tell: Callable[[str], None],
+    *,
     first: Callable[[Assessment], None] | None = None,
     drawn: DrawnGround | None = None,
 ) -> tuple[Assessment, Published]:
@@ -146,15 +137,11 @@ def assessed(rules: Rules, done: Simulation, without: Simulation | None) -> Asse
         for s in (done, without)
     ]
     assert sampled[0] is not None
+    hazard = done.config.hazard
     return assess(
-        rules,
-        done.run.grid,
-        bins_of(done.run).threshold,
-        sampled[0],
-        sampled[1],
-        confidence=done.config.hazard.confidence,
-        by_source=done.config.hazard.by_source,
-    )
+        rules, done.run.grid, bins_of(done.run).threshold, sampled[0], sampled[1],
+        confidence=hazard.confidence, by_source=hazard.by_source,
+    )  # fmt: skip
 
 
 def simulations(

@@ -243,9 +243,7 @@ def joined_lines(parts: list[FallLines]) -> FallLines:
 
 
 def evenly_kept(rows: BlockRows, seed: int, share: float) -> BlockRows:
-    """Return a share of the blocks, chosen by the identity of each.
-
-    Smaller shares are parts of larger.
+    """Return a share of the blocks, chosen by the identity of each; smaller are parts of larger.
 
     A block that counts several times is as much more likely to be among them, up to a share of one
     over its weight.

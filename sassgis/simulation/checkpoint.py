@@ -35,6 +35,7 @@ from sassgis.simulation.source_sums import SourceSums
 _NUMBERS: dict[str, Any] = {
     "chunks": int, "lost": int, "pieces": int, "simulated": int, "stop_share": float
 }  # fmt: skip
+_ARRAYS = ("reasons", "runout", "scores")
 _OF_SOURCE = ("rocks", "never_started", "simulated", "heaviest")
 _ROW_FIELDS = tuple(f.name for f in fields(BlockRows))
 
@@ -123,9 +124,7 @@ class Checkpoint:
 def state_of(progress: Progress) -> dict[str, NDArray[np.generic]]:
     """Return all sums as plain arrays by name."""
     state: dict[str, NDArray[np.generic]] = {
-        "reasons": progress.reasons,
-        "runout": progress.runout,
-        "scores": progress.scores,
+        **{name: getattr(progress, name) for name in _ARRAYS},
         "rounds": np.array([(r.first, r.repetitions) for r in progress.rounds], np.int64),
         "history": np.array(progress.history, np.float64).reshape(-1, 2),
         "furthest_m": np.array((progress.furthest or ())[:1], np.float64),
@@ -162,12 +161,11 @@ def progress_from(
     at_lines, sources = counts_from(state, n_cells, control_lines)
     worth = _group(state, "worth")
     furthest: Any = (*state["furthest_m"].tolist(), *state["furthest_rock"].tolist())
+    plain: dict[str, Any] = {name: np.array(state[name]) for name in _ARRAYS}
+    plain |= {name: kind(state[name]) for name, kind in _NUMBERS.items()}
     return Progress(
         sums=MapSums.from_state(n_cells, _group(state, "sums")),
         control_lines=at_lines,
-        reasons=np.array(state["reasons"]),
-        runout=np.array(state["runout"]),
-        scores=np.array(state["scores"]),
         rounds=tuple(
             Round(int(first), int(repetitions), state.get(f"halvings.{i}"))
             for i, (first, repetitions) in enumerate(state["rounds"])
@@ -180,7 +178,7 @@ def progress_from(
         sources=sources,
         lines=[FallLines(**_group(state, "lines"))],
         stops=[BlockRows(**_group(state, "stops"))],
-        **{name: kind(state[name]) for name, kind in _NUMBERS.items()},
+        **plain,
     )
 
 
@@ -189,8 +187,7 @@ def counts_from(
 ) -> tuple[ControlLineSums, dict[tuple[int, int], SourceTally]]:
     """Restore passages at control lines, and counts by source, from a state or part of it.
 
-    The sources have the order in which they were saved. ValueError: there are counts outside of the
-    grid.
+    The sources keep their order. ValueError: there are counts outside of the grid.
     """
     cells = [own for name, own in state.items() if name.endswith(("sums.cells", "cells.places"))]
     if any(((own < 0) | (own >= n_cells)).any() for own in cells):

@@ -6,7 +6,7 @@ import logging
 import pickle
 import warnings
 from collections import deque
-from collections.abc import Callable, Generator, Iterable, Iterator
+from collections.abc import Generator, Iterable, Iterator
 from concurrent.futures import CancelledError
 from contextlib import contextmanager, suppress
 from typing import TYPE_CHECKING, Any
@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 import sassgis
 from sassgis.errors import InputError, OutputError, SassgisError
 from sassgis.files.digests import program_digest
+from sassgis.simulation.workers import Work
 
 if TYPE_CHECKING:
     from distributed import Client
@@ -37,9 +38,7 @@ class Cluster:
         self._version = _version()
         self._sent: tuple[Any, ClusterFuture] | None = None
 
-    def in_order(
-        self, work: Callable[[Any, Any], Any], common: Any, tasks: Iterable[Any]
-    ) -> Generator[Any, None, None]:
+    def in_order(self, work: Work, common: Any, tasks: Iterable[Any]) -> Generator[Any, None, None]:
         """Return results in the order of the tasks, as ``Workers`` says.
 
         InputError: a worker has another version of the program. OutputError: the cluster is lost,
@@ -52,10 +51,8 @@ class Cluster:
         try:
             for task in tasks:
                 with _cluster_errors():
-                    own = self._client.submit(
-                        _checked, self._version, work, there, task, pure=False
-                    )
-                waiting.append(own)
+                    given = self._version, work, there, task
+                    waiting.append(self._client.submit(_checked, *given, pure=False))
                 if len(waiting) > ahead:
                     yield self._result(waiting.popleft())
             while waiting:
@@ -84,7 +81,7 @@ class Cluster:
         return done
 
 
-def _checked(version: str, work: Callable[[Any, Any], Any], common: Any, task: Any) -> Any:
+def _checked(version: str, work: Work, common: Any, task: Any) -> Any:
     """Do one task on a worker if it has the same program; another computes other numbers."""
     if version != (own := _version()):
         return _other_version("a worker", own, version)
@@ -99,11 +96,8 @@ def _version() -> str:
 
 
 def _other_version(who: str, found: str, expected: str) -> InputError:
-    return InputError(
-        f"{who} of the cluster has another version of sassgis, or of a library it computes with",
-        found=found,
-        expected=expected,
-    )
+    text = f"{who} of the cluster has another version of sassgis, or of a library it computes with"
+    return InputError(text, found=found, expected=expected)
 
 
 @contextmanager
@@ -138,9 +132,8 @@ def cluster(scheduler: str) -> Iterator[Cluster]:
     try:
         from distributed import Client
     except ImportError:
-        raise InputError(
-            "needs dask", field="--scheduler", expected="pip install 'sassgis[cluster]'"
-        ) from None
+        expected = "pip install 'sassgis[cluster]'"
+        raise InputError("needs dask", field="--scheduler", expected=expected) from None
     if logging.getLogger().level > logging.DEBUG:
         # What goes wrong with the cluster is said in one line, not in the tracebacks of its log.
         for name in ("distributed", "distributed.client", "tornado.application"):
@@ -150,23 +143,18 @@ def cluster(scheduler: str) -> Iterator[Cluster]:
     except (OSError, ValueError, TimeoutError) as error:
         raise InputError(
             f"no scheduler answers: {' '.join(str(error).split())}",
-            field="--scheduler",
-            found=scheduler,
+            field="--scheduler", found=scheduler,
             expected='the address of a dask scheduler, such as "tcp://node:8786"',
-        ) from None
+        ) from None  # fmt: skip
     with client:
-        _check_versions(client, scheduler)
+        # What every task would raise is raised at once.
+        try:
+            found: dict[str, str] = client.run(_version)
+        except (ImportError, AttributeError):
+            found = {"a worker": "none, or an old one"}
+        if not found:
+            raise InputError("has no workers", field="--scheduler", found=scheduler)
+        for address, version in found.items():
+            if version != _version():
+                raise _other_version(address, version, _version())
         yield Cluster(client)
-
-
-def _check_versions(client: Client, scheduler: str) -> None:
-    """Raise at once what every task would raise."""
-    try:
-        found: dict[str, str] = client.run(_version)
-    except (ImportError, AttributeError):
-        found = {"a worker": "none, or an old one"}
-    if not found:
-        raise InputError("has no workers", field="--scheduler", found=scheduler)
-    for address, version in found.items():
-        if version != _version():
-            raise _other_version(address, version, _version())

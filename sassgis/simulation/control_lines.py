@@ -166,12 +166,7 @@ def _squares(
     point: IntArray | None,
     shape: tuple[int, int],
 ) -> IntArray:
-    """Return squares as of Distribution, of passages of blocks from some points.
-
-    ``None`` stands for single blocks.
-
-    Has the shape (control lines, bins).
-    """
+    """Return squares as of Distribution, by control line and bin; None: points are no units."""
     out: IntArray = np.zeros(shape, np.int64)
     if point is None:
         np.add.at(out, (control_line, bins), weight * weight)
@@ -186,10 +181,7 @@ def _squares(
 def energy_behind(
     energy_kj: FloatArray, outcome: NDArray[np.uint8], capacity_kj: FloatArray
 ) -> FloatArray:
-    """Return energy with which blocks go on behind a line (kJ): 0 of those that a barrier takes.
-
-    Of each block its energy where it arrives, its Outcome and the capacity of the barrier.
-    """
+    """Return energy with which blocks go on behind a line (kJ): 0 of those that a barrier takes."""
     taken = np.isin(outcome, (Outcome.STOPPED, Outcome.HELD_BY_NET))
     lost = np.where(outcome == Outcome.BROKE_THROUGH, capacity_kj, 0.0)
     behind: FloatArray = np.where(taken, 0.0, np.maximum(energy_kj - lost, 0.0))

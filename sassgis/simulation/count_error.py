@@ -64,12 +64,10 @@ def widening(freedom: FloatArray | float, tail: float) -> FloatArray | float:
 
 
 def pooled_freedom(variances: FloatArray, freedom: Sequence[float]) -> FloatArray:
-    """Return degrees of freedom of sums of independent variances, each with its own.
+    """Return degrees of freedom of sums of independent variances, shape (n_samples, n).
 
-    They are infinite for a variance of 0.
-
-    After Welch (1947, Biometrika 34: 28-35) and Satterthwaite (1946, Biometrics Bulletin 2:
-    110-114). ``variances`` has the shape (n_samples, n).
+    They are infinite for a variance of 0. After Welch (1947, Biometrika 34: 28-35) and
+    Satterthwaite (1946, Biometrics Bulletin 2: 110-114).
     """
     unsure = (variances**2 / np.maximum(freedom, 1.0)[:, None]).sum(axis=0)
     pooled = np.full(unsure.shape, np.inf)
@@ -130,12 +128,10 @@ def gamma_interval(
 def _gamma_quantile(
     tail: float, mean: FloatArray, variance: FloatArray, inverse: np.ufunc
 ) -> FloatArray:
-    """Return quantile of the gamma distribution with a mean and variance; the mean where that is 0.
-
-    Spreads below a hundred millionth of the mean count as 0.
-    """
+    """Return quantile of the gamma distribution; the mean where the variance is 0."""
     out = np.array(np.broadcast_to(mean, np.broadcast_shapes(mean.shape, variance.shape)))
     spread = np.broadcast_to(variance, out.shape)
+    # Spreads below a hundred millionth of the mean count as 0.
     some = (out > 0.0) & (spread > 1e-16 * out**2)
     scale = spread[some] / out[some]
     # Many places have the same counts.

@@ -66,21 +66,12 @@ class Chunk:
     weight: int  # how many times each block counts
 
 
-@dataclass(frozen=True, slots=True)
-class _Common:
-    """Data common to all chunks of a simulation."""
-
-    run: MapRun
-    planned: Plan
-    bins: Bins
-    worth: Worth | None
+#: Data common to all chunks of a simulation.
+_Common = tuple[MapRun, Plan, Bins, Worth | None]
 
 
 def numbered(rows: NDArray[np.void], chunk: Chunk, each: int) -> NDArray[np.void]:
-    """Return rows of blocks that are numbered within a chunk, with their numbers in the run.
-
-    ``each`` is the number of blocks of a repetition.
-    """
+    """Number rows of blocks of a chunk as in the run; ``each`` are the blocks of a repetition."""
     entry = rows["line"]
     rows["rock"] += (each * chunk.repetitions[entry]).astype(rows["rock"].dtype)
     rows["line"] = chunk.points[entry]
@@ -129,10 +120,7 @@ def blocks_on_lines(
 
 
 def on_known_ground(run: MapRun, points: ReleasePoints) -> NDArray[np.bool_]:
-    """Find the release points that lie on cells with a height.
-
-    From the others no path is followed.
-    """
+    """Find the release points on cells with a height; from the others no path is followed."""
     return np.isfinite(run.heights.value_at(points.x, points.y))
 
 
@@ -155,14 +143,12 @@ def check_starts(
         plan = planned()
         can = any(len(prepare_lines(run, traced(run, plan, c.points))) for c in chunks_of(plan))
     if not can:
+        why = "none on known terrain" if run.followed else "with lines that end where they begin"
         raise InputError(
-            "no block could be simulated",
-            file=file,
-            field="release.file",
-            found=f"{len(points)} release points, "
-            + ("none on known terrain" if run.followed else "with lines that end where they begin"),
+            "no block could be simulated", file=file, field="release.file",
+            found=f"{len(points)} release points, {why}",
             expected="release areas on slopes, on known terrain and not at its edge",
-        )
+        )  # fmt: skip
 
 
 #: Of a block scenario: its position, what was simulated, rows of all blocks, where each ends (m).
@@ -171,7 +157,7 @@ _OfScenario = tuple[int, Simulated, NDArray[np.void], FloatArray, FloatArray]
 
 def _work(common: _Common, chunk: Chunk) -> ChunkResult:
     """Simulate one chunk."""
-    run, planned = common.run, common.planned
+    run, planned, _, _ = common
     good, traces, found = (_followed if run.followed else _on_lines)(common, chunk)
     area, each = int(planned.points.area[chunk.points[0]]), run.release.rocks_per_point
     own = replace(chunk, points=chunk.points[good], repetitions=chunk.repetitions[good])
@@ -195,15 +181,15 @@ def _work(common: _Common, chunk: Chunk) -> ChunkResult:
 
 def _followed(common: _Common, chunk: Chunk) -> tuple[NDArray[np.bool_], None, list[_OfScenario]]:
     """Return blocks whose paths are followed, and which entries of a chunk have some."""
-    run = common.run
-    points = take(common.planned.points, chunk.points)
+    run, planned, bins, worth = common
+    points = take(planned.points, chunk.points)
     known = on_known_ground(run, points)
     points = take(points, np.flatnonzero(known))
     found: list[_OfScenario] = []
     for k in chunk.scenarios if len(points) else ():
         result = follow_blocks(
             run, points, k, chunk.repetitions[known], rocks_per_point=run.release.rocks_per_point,
-            objects=run.objects, window=run.window, bins=common.bins, worth=common.worth,
+            objects=run.objects, window=run.window, bins=bins, worth=worth,
         )  # fmt: skip
         if result.looked_at is not None and any(sides := run.sides_met(result.looked_at)):
             raise TerrainTooSmall(sides)
@@ -216,7 +202,7 @@ def _on_lines(
     common: _Common, chunk: Chunk
 ) -> tuple[NDArray[np.bool_], TraceSet, list[_OfScenario]]:
     """Return blocks that keep to their points' lines, which entries have some, and all lines."""
-    run, planned = common.run, common.planned
+    run, planned, bins, _ = common
     traces = traced(run, planned, chunk.points)
     prepared = prepare_lines(run, traces)
     lines, length = prepared.lines, prepared.length_m
@@ -225,7 +211,7 @@ def _on_lines(
         result = blocks_on_lines(
             run, planned, chunk.points, prepared, k, chunk.repetitions,
             rocks_per_line=run.release.rocks_per_point,
-            objects=run.objects, window=run.window, bins=common.bins,
+            objects=run.objects, window=run.window, bins=bins,
         )  # fmt: skip
         ended = np.concatenate([result.rocks, result.pieces])
         line = ended["line"].astype(np.int64)
@@ -282,14 +268,12 @@ def simulate_map(
     on_chunk: Callable[[Progress, int, BlockRows], None] | None = None,
     chunk_points: int = CHUNK_POINTS,
 ) -> Progress:
-    """Simulate all blocks of a plan of the run.
+    """Simulate all blocks of a plan of the run, with so many threads or who works instead.
 
     TerrainTooSmall: a followed path looks into the rim of the grid.
 
     Parameters
     ----------
-    jobs : int or Workers
-        Threads, or who works instead.
     resume : Progress, optional
         Of an earlier call with the same run and chunk size, interrupted or with fewer
         repetitions; grows further.
@@ -300,7 +284,7 @@ def simulate_map(
     progress = resume if resume is not None else Progress.fresh(run)
     chunks = chunks_of(planned, run.rounds, chunk_points)
     workers = Threads(jobs) if isinstance(jobs, int) else jobs
-    common = _Common(run, planned, bins_of(run), progress.worth)
+    common: _Common = (run, planned, bins_of(run), progress.worth)
     with closing(workers.in_order(_work, common, chunks[progress.chunks :])) as outcomes:
         for outcome in outcomes:
             with held_back():

@@ -59,19 +59,10 @@ class MapSums:
         n_bins: Mapping[str, int] | None = None,
         weight: int = 1,
     ) -> None:
-        """Join the sums of some cells, each of which is named once.
+        """Join the sums of some cells, each of which is named once, by name as in the table.
 
-        Parameters
-        ----------
-        cells : int64, shape (n,)
-        sums : mapping
-            Arrays with one row per cell, by name as in the table.
-        visits : Visits, optional
-            Of these cells: what the histograms of ``sums`` do not have.
-        n_bins : mapping, optional
-            Bins of the histograms that are not among ``sums``, in the order of the visits.
-        weight : int
-            How many times a visit counts.
+        Visits of these cells are what the histograms of ``sums`` do not have, with bins for each in
+        their order; ``weight`` is how many times a visit counts.
         """
         reached = np.flatnonzero((sums["reach"] > 0) | (sums["stops"] > 0))
         shapes = {name: own.shape[1:] for name, own in sums.items()}
@@ -168,22 +159,11 @@ def quantiles(
     largest: FloatArray | None = None,
     smallest: FloatArray | None = None,
 ) -> FloatArray:
-    """Return quantiles of values that were counted in bins.
+    """Return quantiles of values that were counted in bins, shape (n_probabilities, n).
 
-    Within a bin the values are taken as spread evenly; no quantile exceeds the largest value seen
-    or falls below the smallest.
-
-    Parameters
-    ----------
-    counts : integer, shape (n, n_bins)
-    edges : float64, shape (n_bins + 1,)
-    largest, smallest : float64, shape (n,), optional
-        Largest and smallest value counted in each row.
-
-    Returns
-    -------
-    float64, shape (n_probabilities, n)
-        NaN where nothing was counted.
+    Counts have the shape (n, n_bins). Within a bin the values are taken as spread evenly; no
+    quantile exceeds the largest value seen in its row or falls below the smallest. NaN where
+    nothing was counted.
     """
     out = np.full((len(probabilities), counts.shape[0]), np.nan)
     for first in range(0, counts.shape[0], _ROWS):
@@ -256,17 +236,9 @@ def reach_limits(
 def band_values(
     row: Statistic, sums: MapSums, sample: Sample, edges: Mapping[str, FloatArray]
 ) -> dict[str, FloatArray]:
-    """Return values of the bands of a map, in its order.
+    """Return values of the bands of a map, in its order, given edges of histograms by quantity.
 
-    Parameters
-    ----------
-    edges : mapping
-        Edges of the histograms by quantity.
-
-    Returns
-    -------
-    dict of str to float64, shape (n,)
-        Rows as ``sums.cells``; NaN where no block arrived, or none stopped.
+    Rows are those of ``sums.cells``; NaN where no block arrived, or none stopped.
     """
     reach = sums.column("reach").astype(np.int64)
     shares = {b: p for b in row.bands if (p := probability_of(b)) is not None}

@@ -113,10 +113,7 @@ def _on_lines_again(
     again: int = 0,
     first: int = 0,
 ) -> tuple[TraceSet, PreparedLines, Simulated | None]:
-    """Simulate some blocks of release points on their lines, with event logs.
-
-    Returns None if all are too short.
-    """
+    """Simulate some blocks of release points on their lines, with event logs; None: too short."""
     traces = traced(run, planned, which)
     prepared = prepare_lines(run, traces)
     result = None
@@ -129,10 +126,8 @@ def _on_lines_again(
 
 
 def _in_plan(grid: Grid, log: NDArray[np.void]) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return chainage and coordinates of a path that was followed, where its block moves on (m).
-
-    A block that slides back a little does so on its path.
-    """
+    """Return chainage and coordinates of a path that was followed, where its block moves on (m)."""
+    # A block that slides back a little does so on its path.
     ahead = np.flatnonzero(np.diff(log["x_m"], prepend=-np.inf) > 0.0)
     return (
         log["x_m"][ahead],

@@ -35,27 +35,20 @@ _ENDING_S = 10.0
 
 
 class WorkerLost(Exception):
-    """Raised when a worker process ends before it answers; ``code`` is its exit code."""
-
-    def __init__(self, code: int) -> None:
-        super().__init__(code)
-        self.code = code
+    """Raised with its exit code when a worker process ends before it answers."""
 
 
 class WorkerProcess:
     """A clean interpreter with separate pipes, which works in a single thread.
 
-    Not of ``multiprocessing``: that looks for modules in the current folder as it starts, loads the
-    program that is running, shares pipes among processes, of which one that is killed leaves the
-    others waiting, and does not let its processes have some of their own.
+    Not of ``multiprocessing`` or ``concurrent.futures``: these look for modules in the current
+    folder as they start, load the program that is running, and give up all tasks where one process
+    is killed.
     """
 
     def __init__(self) -> None:
         # Nothing is imported before the path is set: the current folder may come from anybody.
-        start = (
-            f"import sys; sys.path[:] = {sys.path!r}; "
-            f"from {__name__} import serve; serve()"
-        )  # fmt: skip
+        start = f"import sys; sys.path[:] = {sys.path!r}; from {__name__} import serve; serve()"
         self._popen = Popen(
             [sys.executable, "-c", start], stdin=PIPE, stdout=PIPE,
             env={**os.environ, **dict.fromkeys(_THREADS, "1")},
@@ -63,10 +56,7 @@ class WorkerProcess:
         self._holds: bytes | None = None
 
     def do(self, common: bytes, call: bytes) -> Any:
-        """Return result of a pickled (work, task), with what is common to the tasks, also pickled.
-
-        Raises what the work raises, and WorkerLost.
-        """
+        """Return the result of a pickled (work, task) with pickled common data, or its error."""
         assert self._popen.stdin is not None and self._popen.stdout is not None
         try:
             _send(self._popen.stdin, b"" if common is self._holds else common)

@@ -13,7 +13,7 @@ import threading
 from collections import deque
 from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
 from concurrent.futures import CancelledError, Future, ThreadPoolExecutor
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 from contextvars import ContextVar, copy_context
 from dataclasses import dataclass
 from functools import partial
@@ -30,9 +30,7 @@ _LOST_MOST = 3
 
 @contextmanager
 def held_back() -> Iterator[None]:
-    """Let Ctrl-C wait until the block is done, so that nothing is left half added or half saved.
-
-    So do the other signals that end the command.
+    """Let signals that end the command wait for the block, so that nothing is half added or saved.
 
     KeyboardInterrupt comes after the block, if the user asked for it within.
     """
@@ -82,12 +80,14 @@ def available_cores() -> int:
         return os.cpu_count() or 1
 
 
+#: Work on a task, given what is common to all tasks.
+Work = Callable[[Any, Any], Any]
+
+
 class Workers(Protocol):
     """Works on tasks that have something large in common."""
 
-    def in_order(
-        self, work: Callable[[Any, Any], Any], common: Any, tasks: Iterable[Any]
-    ) -> Generator[Any, None, None]:
+    def in_order(self, work: Work, common: Any, tasks: Iterable[Any]) -> Generator[Any, None, None]:
         """Yield results of ``work(common, task)`` in the order of the tasks, a few at a time.
 
         Closing the generator gives up what was not asked for yet.
@@ -99,8 +99,8 @@ class Workers(Protocol):
 OnProgress = Callable[[int, int, int], None]
 #: Number of threads or processes; None: as configured, 0: all cores; or who works instead.
 Jobs = int | Workers | None
-#: Results of a function of (what tasks have in common, task), in the order of the tasks.
-TaskMap = Callable[[Callable[[Any, Any], Any], Sequence[Any]], Iterator[Any]]
+#: Results of some work, in the order of the tasks.
+TaskMap = Callable[[Work, Sequence[Any]], Iterator[Any]]
 
 
 @dataclass(frozen=True, slots=True)
@@ -113,9 +113,7 @@ class Threads:
 
     count: int
 
-    def in_order(
-        self, work: Callable[[Any, Any], Any], common: Any, tasks: Iterable[Any]
-    ) -> Generator[Any, None, None]:
+    def in_order(self, work: Work, common: Any, tasks: Iterable[Any]) -> Generator[Any, None, None]:
         """Return results in the order of the tasks, as ``Workers`` says."""
         with ThreadPoolExecutor(self.count) as pool:
             yield from _in_order(pool, partial(work, common), tasks, 2 * self.count)
@@ -154,9 +152,7 @@ class Processes:
             for process in self._all:
                 process.ended()
 
-    def in_order(
-        self, work: Callable[[Any, Any], Any], common: Any, tasks: Iterable[Any]
-    ) -> Generator[Any, None, None]:
+    def in_order(self, work: Work, common: Any, tasks: Iterable[Any]) -> Generator[Any, None, None]:
         """Return results in the order of the tasks, as ``Workers`` says.
 
         OutputError: one process after another is lost at the same task, or none can be started.
@@ -166,7 +162,7 @@ class Processes:
         do = partial(self._do, work, self._sent[1])
         yield from _in_order(self._threads, do, tasks, self._ahead)
 
-    def _do(self, work: Callable[[Any, Any], Any], common: bytes, task: Any) -> Any:
+    def _do(self, work: Work, common: bytes, task: Any) -> Any:
         """Return the result of one task, in a thread of its process."""
         call = pickle.dumps((work, task), pickle.HIGHEST_PROTOCOL)
         for _ in range(_LOST_MOST):
@@ -174,7 +170,7 @@ class Processes:
             try:
                 return process.do(common, call)
             except WorkerLost as lost:
-                code = lost.code
+                (code,) = lost.args
             finally:
                 self._idle.append(process)
         why = "killed; memory may have run out: try fewer" if code < 0 else f"exit code {code}"
@@ -204,15 +200,12 @@ class Processes:
 
 @contextmanager
 def task_map(common: Any, jobs: int | Workers, ahead: int = 16) -> Iterator[TaskMap]:
-    """Yield what maps functions of (common, task) over tasks: one process, several, or others."""
-    if not isinstance(jobs, int):
-        workers = jobs
-        yield lambda work, tasks: workers.in_order(work, common, tasks)
-    elif jobs <= 1:
+    """Yield what maps work over tasks: this process, several, or others."""
+    if isinstance(jobs, int) and jobs <= 1:
         yield lambda work, tasks: (work(common, task) for task in tasks)
-    else:
-        with Processes(jobs, ahead) as own:
-            yield lambda work, tasks: own.in_order(work, common, tasks)
+        return
+    with Processes(jobs, ahead) if isinstance(jobs, int) else nullcontext(jobs) as workers:
+        yield lambda work, tasks: workers.in_order(work, common, tasks)
 
 
 @contextmanager
@@ -221,8 +214,8 @@ def beside(
 ) -> Iterator[Callable[[], R]]:
     """Run a function in a thread next to the ``with`` block; yield what waits for its result.
 
-    It works in the language of the caller, and has ended when the block ends. ``given_up`` shows it
-    when the block has failed or was stopped, so that nobody waits for all of it.
+    It works in the language of the caller. ``given_up`` shows it when the block has failed or was
+    stopped, so that nobody waits for all of it.
     """
     stop, context = threading.Event(), copy_context()
     context.run(given_up.set, stop)

@@ -239,14 +239,8 @@ def result_change(
 ) -> ResultChange:
     """Compare two results on the same cells.
 
-    Parameters
-    ----------
-    before, after : StoredResult
-        From :func:`sassgis.studies.stored_result.on_common_cells`.
-    objects : (names, cells, owner)
-        Names of the whole objects; cells that they touch, and the position of the object of each.
-    notes : sequence of str
-        What is to be said besides.
+    ``objects`` are the names of the whole objects; cells that they touch, and the position of the
+    object of each. The notes are said besides.
     """
     both = before, after
     why = levels_differ(before, after)
@@ -258,20 +252,18 @@ def result_change(
             higher, lower = (float((s * change > 0.0).sum() * cell_m2) for s in (1.0, -1.0))
     one_has_levels = LEVEL.stem in {*before.maps, *after.maps}
     maps = compared_maps(*both)
-    return ResultChange(
-        (
-            *_map_rows(both, maps),
-            *(() if why else _zone_rows(both)),
-            *_runout_rows(both),
-            *_control_line_rows(both),
-            *_object_rows(both, maps if why else (*maps, LEVEL), *objects),
-        ),
-        tuple(_differences(before.manifest, after.manifest)),
-        higher,
-        lower,
-        float(_certain(both).sum() * cell_m2),
-        (*notes, *([why] if why and one_has_levels else [])),
+    rows = (
+        *_map_rows(both, maps),
+        *(() if why else _zone_rows(both)),
+        *_runout_rows(both),
+        *_control_line_rows(both),
+        *_object_rows(both, maps if why else (*maps, LEVEL), *objects),
     )
+    return ResultChange(
+        rows, tuple(_differences(before.manifest, after.manifest)), higher, lower,
+        certain_m2=float(_certain(both).sum() * cell_m2),
+        notes=(*notes, *([why] if why and one_has_levels else [])),
+    )  # fmt: skip
 
 
 _Both = tuple[StoredResult, StoredResult]
@@ -330,17 +322,11 @@ def _control_line_rows(both: _Both) -> Iterator[ChangeRow]:
 
 
 def _object_rows(
-    both: _Both,
-    maps: Sequence[ComparedMap],
-    names: Sequence[str],
-    cells: IntArray,
-    owner: IntArray,
+    both: _Both, maps: Sequence[ComparedMap], names: Sequence[str], cells: IntArray, owner: IntArray
 ) -> Iterator[ChangeRow]:
-    """Yield the loads on each object; 0 where no block arrives.
-
-    Energy and height are those of all blocks that reach it, where both results have them, else, as
-    all others, the largest values over its cells.
-    """
+    """Yield the loads on each object; 0 where no block arrives."""
+    # Energy and height are those of all blocks that reach it, where both results have them, else,
+    # as all others, the largest values over its cells.
     shown = [
         (quantity, m.unit, key, [r.band(*m[:2]).ravel() for r in both])
         for m, quantity, key in _AT_OBJECTS
@@ -418,10 +404,7 @@ def _flat(value: object, name: str = "") -> Iterator[tuple[str, object]]:
 
 
 def _same_file(one: object, two: object) -> bool:
-    """Return whether two settings name files of the same name.
-
-    Their contents are compared as inputs.
-    """
+    """Return whether settings name files of one name; their contents are compared as inputs."""
     if not isinstance(one, str) or not isinstance(two, str):
         return False
     paths = PurePath(one), PurePath(two)

@@ -79,10 +79,7 @@ class StoredResult:
 def on_common_cells(one: StoredResult, other: StoredResult) -> tuple[StoredResult, StoredResult]:
     """Return two results on the cells that both have.
 
-    Raises
-    ------
-    InputError
-        If coordinate systems, cell sizes or the borders of the cells differ, or no cell is common.
+    InputError: coordinate systems, cell sizes or borders of the cells differ, or none is common.
     """
     a, b = one.grid, other.grid
     if bool(a.crs) != bool(b.crs) or (
@@ -119,12 +116,8 @@ def objects_within(placed: PlacedObjects, grid: Grid) -> PlacedObjects:
 
 
 def _differ(other: StoredResult, what: str, found: str, expected: str) -> InputError:
-    return InputError(
-        f"the two results cannot be compared: they differ in the {what}",
-        file=other.folder,
-        found=found,
-        expected=expected,
-    )
+    text = f"the two results cannot be compared: they differ in the {what}"
+    return InputError(text, file=other.folder, found=found, expected=expected)
 
 
 def _place(grid: Grid) -> str:

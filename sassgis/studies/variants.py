@@ -8,8 +8,8 @@ spread draws classes as they lie between sites, and a band is the middle 80 % of
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, fields
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass
 from itertools import pairwise
 from typing import Any, NamedTuple
 
@@ -143,10 +143,6 @@ class VariantFinding(RunOutcome):
     # however few blocks arrive; NaN where none does.
     object_energy_kj: FloatArray
 
-    def arrays(self) -> dict[str, NDArray[Any]]:
-        """Return the arrays by their names, to be saved."""
-        return {f.name: getattr(self, f.name) for f in fields(self)}
-
 
 def finding_of(
     run: MapRun, progress: Progress, rules: Rules | None, exposed: ObjectCells | None = None
@@ -180,33 +176,23 @@ def finding_of(
         places = curves.places[order]
         level = hazard_level(curves, rules.preset)[order].astype(np.int64)
     return VariantFinding(
-        outcome.runout,
-        outcome.cells,
-        outcome.energy_kj,
-        reach=reach[reach > 0],
-        places=places,
-        level=level,
+        outcome.runout, outcome.cells, outcome.energy_kj,
+        reach=reach[reach > 0], places=places, level=level,
         line_energy_kj=np.array(energy, np.float64),
         line_share=np.array([lines.arrivals(i) for i in numbers], np.float64) / blocks,
-        object_share=hits / blocks,
-        object_energy_kj=at_objects,
-    )
+        object_share=hits / blocks, object_energy_kj=at_objects,
+    )  # fmt: skip
 
 
 # ---------------------------------------------------------------------------------------------
 # The table of answers
 
 
-class Names(NamedTuple):
-    """Names to the numbers of findings: levels, stations and barriers, exposed objects."""
-
-    levels: tuple[str, ...]
-    lines: tuple[str, ...]
-    objects: tuple[str, ...]
+#: Names to the numbers of findings: of levels, of stations and barriers, of exposed objects.
+Names = tuple[Sequence[str], Sequence[str], Sequence[str]]
 
 
-@dataclass(frozen=True, slots=True)
-class Answers:
+class Answers(NamedTuple):
     """Answers of simulations, the base first: a row for each, a column for each measure."""
 
     variants: tuple[Variant, ...]
@@ -242,20 +228,20 @@ def _measures(
         "reached area": ("m²", own.cells.size * cell_m2),
         ENERGY_RATIO: ("1", response(base, own)["energy_q95"].value + 1.0),
     }
-    for code, name in enumerate(names.levels, start=1):
+    levels, lines, objects = names
+    for code, name in enumerate(levels, start=1):
         area = int((own.level == code).sum()) * cell_m2
         out[phrase("area of level {}", phrase(name))] = ("m²", area)
     energy, share = "energy (95 %) at {}", "share of blocks that reach {}"
-    for i, name in enumerate(names.lines):
+    for i, name in enumerate(lines):
         out[phrase(energy, name)] = ("kJ", own.line_energy_kj[i])
         out[phrase(share, name)] = ("1", own.line_share[i])
-    for values, text, unit in (
-        (own.object_energy_kj, energy, "kJ"),
-        (own.object_share, share, "1"),
-    ):
-        if values.size:
-            for name, value in zip(names.objects, values, strict=True):
-                out[phrase(text, name)] = (unit, value)
+    if own.object_energy_kj.size:
+        for name, value in zip(objects, own.object_energy_kj, strict=True):
+            out[phrase(energy, name)] = ("kJ", value)
+    if own.object_share.size:
+        for name, value in zip(objects, own.object_share, strict=True):
+            out[phrase(share, name)] = ("1", value)
     return out
 
 
@@ -372,15 +358,9 @@ def _share(found: VariantFinding) -> tuple[IntArray, NDArray[Any]]:
     return found.cells, found.reach / max(found.blocks, 1)
 
 
-def _energy(found: VariantFinding) -> tuple[IntArray, NDArray[Any]]:
-    return found.cells, found.energy_kj
-
-
-class CellMaps(NamedTuple):
-    """Bands of maps by the stem of the map and the name of the band, in the order of ``cells``."""
-
-    cells: IntArray  # flat indices of all cells that any simulation reaches, ascending
-    bands: Mapping[str, Mapping[str, NDArray[Any]]]
+#: Flat indices of all cells that any simulation reaches, ascending; in their order bands of maps,
+#: by the stem of the map and the name of the band.
+CellMaps = tuple[IntArray, Mapping[str, Mapping[str, NDArray[Any]]]]
 
 
 def sensitivity_maps(findings: Sequence[VariantFinding], n_ranges: int) -> CellMaps:
@@ -397,33 +377,29 @@ def sensitivity_maps(findings: Sequence[VariantFinding], n_ranges: int) -> CellM
     count = max(len(filled), 1)
     level = _on_cells(shown, cells, _level, np.int64)
     reached = _on_cells(shown, cells, _share) > 0.0
-    energy = _on_cells([*shown, chance], cells, _energy, empty=np.nan)
+    energy = _on_cells(
+        [*shown, chance], cells, lambda found: (found.cells, found.energy_kj), empty=np.nan
+    )
     with np.errstate(divide="ignore", invalid="ignore"):
         change = np.log(energy / energy[0])
     change[~np.isfinite(change)] = np.nan
     low, middle, high = _energy_ratios(change[first:-1].astype(np.float32))
-    return CellMaps(
-        cells,
-        {
-            "level_could_be": {
-                "highest": level.max(axis=0), "base": level[0], "lowest": level.min(axis=0)
-            },
-            "level_higher": {
-                "higher": (level[first:] > level[0]).sum(axis=0) / count,
-                "lower": (level[first:] < level[0]).sum(axis=0) / count,
-            },
-            "reach_share": {"share": reached[first:].sum(axis=0) / count, "base": reached[0]},
-            "energy_ratio": {"q90": high, "q50": middle, "q10": low},
-            "strongest_parameter": {"strongest": _strongest(change[1:first], change[-1])},
+    return cells, {
+        "level_could_be": {
+            "highest": level.max(axis=0), "base": level[0], "lowest": level.min(axis=0)
         },
-    )  # fmt: skip
+        "level_higher": {
+            "higher": (level[first:] > level[0]).sum(axis=0) / count,
+            "lower": (level[first:] < level[0]).sum(axis=0) / count,
+        },
+        "reach_share": {"share": reached[first:].sum(axis=0) / count, "base": reached[0]},
+        "energy_ratio": {"q90": high, "q50": middle, "q10": low},
+        "strongest_parameter": {"strongest": _strongest(change[1:first], change[-1])},
+    }  # fmt: skip
 
 
 def _energy_ratios(change: FloatArray) -> FloatArray:
-    """Return quantiles of 10, 50 and 90 %.
-
-    They are NaN where too few blocks reach the cell in half of the rows.
-    """
+    """Return quantiles of 10, 50 and 90 %; NaN where half of the rows or more are unknown."""
     out = np.full((3, change.shape[1]), np.nan)
     enough = np.isfinite(change).sum(axis=0) >= 0.5 * len(change)
     if len(change):
@@ -454,7 +430,9 @@ def spread_maps(base: VariantFinding, draws: Draws, at_once: int = _AT_ONCE) -> 
     for own in draws():
         cells, count = np.union1d(cells, np.union1d(own.cells, own.places)), count + 1
     limits = []
-    for part in _parts(cells, max(at_once // count, 1)):
+    # One part at least.
+    borders = [*range(0, max(cells.size, 1), max(at_once // count, 1)), cells.size]
+    for part in (cells[first:last] for first, last in pairwise(borders)):
         reach = _on_cells(draws(), part, _share, np.float32).astype(np.float64)
         level = _on_cells(draws(), part, _level, np.int8)
         low = np.quantile(level, LOW, axis=0, method="lower")
@@ -463,41 +441,28 @@ def spread_maps(base: VariantFinding, draws: Draws, at_once: int = _AT_ONCE) -> 
     reach_low, reach_high, *levels = (np.concatenate(own) for own in zip(*limits, strict=True))
     low, high = (own.astype(np.int64) for own in levels)
     (level,) = _on_cells([base], cells, _level, np.int64)
-    return CellMaps(
-        cells,
-        {
-            "ground_level": {"base": level, "low": low, "high": high},
-            "ground_reach": {"low": reach_low, "high": reach_high},
-        },
-    )
-
-
-def _parts(cells: IntArray, size: int) -> Iterator[IntArray]:
-    """Return the cells in parts of a size; one part at least."""
-    limits = [*range(0, max(cells.size, 1), size), cells.size]
-    return (cells[first:last] for first, last in pairwise(limits))
+    return cells, {
+        "ground_level": {"base": level, "low": low, "high": high},
+        "ground_reach": {"low": reach_low, "high": reach_high},
+    }
 
 
 # ---------------------------------------------------------------------------------------------
 # The spread of a result
 
 
-@dataclass(frozen=True, slots=True)
-class LevelAreas:
-    """Cells by what may become of their level (m²)."""
+def level_areas(maps: CellMaps, cell_m2: float) -> dict[str, float]:
+    """Return areas by what may become of the hazard level (m²).
 
-    zoned: float  # those with a level
-    higher: float  # of them, at the upper limit of the band
-    lower: float  # of them, at the lower limit
-    beyond: float  # those without one that have one at the upper limit
-
-
-def level_areas(maps: CellMaps, cell_m2: float) -> LevelAreas:
-    """Return areas by the possible changes of the level."""
-    level, low, high = (maps.bands["ground_level"][name] for name in ("base", "low", "high"))
+    These are the ``zoned`` cells with a level; those of them whose level is ``higher`` or ``lower``
+    at a limit of the band; and those ``beyond``, which have one only at the upper limit.
+    """
+    level, low, high = (maps[1]["ground_level"][name] for name in ("base", "low", "high"))
     zoned, higher = level > 0, high > level
-    which = (zoned, zoned & higher, low < level, ~zoned & higher)
-    return LevelAreas(*(float(cells.sum()) * cell_m2 for cells in which))
+    which = {
+        "zoned": zoned, "higher": zoned & higher, "lower": low < level, "beyond": ~zoned & higher
+    }  # fmt: skip
+    return {name: float(cells.sum()) * cell_m2 for name, cells in which.items()}
 
 
 @dataclass(frozen=True, slots=True)
@@ -508,7 +473,7 @@ class GroundSpread:
     # Drawn values of the classes that blocks meet in any simulation.
     ranges: tuple[ParameterRange, ...]
     bands: tuple[SpreadBand, ...]
-    areas: LevelAreas | None  # None without hazard levels
+    areas: Mapping[str, float] | None  # from level_areas; None without hazard levels
 
     def band(self, measure: str) -> SpreadBand:
         """Return the band of a measure by its name."""

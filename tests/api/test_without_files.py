@@ -34,14 +34,8 @@ def case(tmp_path_factory: pytest.TempPathFactory) -> Case:
     """Two areas, two kinds of ground, a net."""
     made = two_areas(tmp_path_factory.mktemp("case"))
     made.write_layer("ground.gpkg", [box(40.0, 0.0, 50.0, 70.0)], {"class": ["soft_meadow"]})
-    made.write_layer(
-        "net.gpkg",
-        [
-            shapely.LineString(
-                [box(60.0, 20.0, 0.1, 30.0).bounds[:2], box(60.0, 20.0, 0.1, 30.0).bounds[2:]]
-            )
-        ],
-    )
+    bounds = box(60.0, 20.0, 0.1, 30.0).bounds
+    made.write_layer("net.gpkg", [shapely.LineString([bounds[:2], bounds[2:]])])
     made.sections["ground"]["file"] = "ground.gpkg"
     made.lists["barriers"] = [
         {"name": "net", "kind": "net", "height_m": 3.0, "capacity_kj": 500.0, "file": "net.gpkg"}
@@ -177,15 +171,6 @@ def test_nothing_is_written(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> 
     assert not list(tmp_path.rglob("*"))
 
 
-def test_maps_plot_themselves(maps: xr.Dataset) -> None:
-    import matplotlib
-
-    matplotlib.use("Agg")
-    drawn = maps.energy_q95.plot()
-    assert "Kinetic energy" in drawn.colorbar.ax.get_ylabel()
-    assert "[kJ]" in drawn.colorbar.ax.get_ylabel()
-
-
 def test_a_profile_gives_tables() -> None:
     slope = pd.DataFrame({"s_m": [0.0, 100.0, 250.0], "z_m": [80.0, 0.0, -2.0]})
     tables = sassgis.profile(
@@ -295,9 +280,7 @@ def test_what_is_no_point_no_site_and_no_observation_is_one_line() -> None:
     config = sassgis.sample_folder() / "valley" / "config.toml"
     wrong: dict[str, Any] = {
         r"point: is no point .*expected \(x, y\)": lambda: sassgis.profile(
-            dem=(plane(), PLACE, "EPSG:2056"),
-            point=point,
-            blocks=BLOCK,
+            dem=(plane(), PLACE, "EPSG:2056"), point=point, blocks=BLOCK
         ),
         r"sites: cannot be used .*\(configuration, observations\)": lambda: sassgis.calibrate(
             "sassgis.toml"
@@ -328,18 +311,16 @@ def test_settings_made_by_a_program_are_checked() -> None:
 
 
 def test_zones_say_what_the_dataset_lacks(maps: xr.Dataset, tmp_path: Path) -> None:
-    plain = maps.drop_vars(["arrivals", "arrivals_square"])
-    with pytest.raises(sassgis.InputError, match=r"no counts for zones .*ref_width_m=10"):
-        sassgis.zones(plain)
-    unknown = maps.assign(onset_frequency=maps.onset_frequency * np.nan)
-    with pytest.raises(sassgis.InputError, match="north / frequent has no onset frequency"):
-        sassgis.zones(unknown)
-    with pytest.raises(sassgis.InputError, match="is a part of a dataset"):
-        sassgis.zones(maps.isel(x=slice(5, 40)))
-    with pytest.raises(sassgis.InputError, match="is no result of a simulation"):
-        sassgis.zones(xr.Dataset())
-    with pytest.raises(sassgis.InputError, match=r"ds: is no result .*found NoneType"):
-        sassgis.zones(None)
+    unknown = maps.onset_frequency * np.nan
+    for lacking, expected in (
+        (maps.drop_vars(["arrivals", "arrivals_square"]), "no counts for zones .*ref_width_m=10"),
+        (maps.assign(onset_frequency=unknown), "north / frequent has no onset frequency"),
+        (maps.isel(x=slice(5, 40)), "is a part of a dataset"),
+        (xr.Dataset(), "is no result of a simulation"),
+        (None, "ds: is no result .*found NoneType"),
+    ):
+        with pytest.raises(sassgis.InputError, match=expected):
+            sassgis.zones(lacking)
     text = (Path(sassgis.__file__).parent / "data" / "presets" / "ch-so.toml").read_text()
     (tmp_path / "own.toml").write_text(text.replace("from_kj = 300", "from_kj = 290"))
     with pytest.raises(sassgis.InputError, match="has no counts at 290 kJ"):

@@ -8,6 +8,7 @@ import shutil
 import zipfile
 from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -33,7 +34,7 @@ from sassgis.batches.batch_mosaic import (
     kept_mosaic,
     shared,
 )
-from sassgis.batches.batch_state import Reached, Record, added_up, digests_of_sums, read_state
+from sassgis.batches.batch_state import Reached, Record, added_up
 from sassgis.errors import OutputError
 from sassgis.files.atomic_output import check_output
 from sassgis.inputs.tiles import Part, hull
@@ -145,9 +146,11 @@ def test_blocks_give_the_maps_of_the_whole_to_the_last_bit(
         memory = 0.1
     shutil.copytree(done.folder / "areas", out / "areas")
     said: list[str] = []
-    result = batch(
-        valley.releases, out, dem=valley.tiles, jobs=jobs, memory_gb=memory, say=said.append
-    )
+    own_batch = partial(
+        batch, valley.releases, out, dem=valley.tiles, jobs=jobs, memory_gb=memory,
+        mosaic_only=True, say=said.append,
+    )  # fmt: skip
+    result = own_batch()
     assert sum(text.startswith("Block ") for text in said) > 5
     assert result.found is None and any("has no report" in text for text in result.warnings)
     assert not list(out.rglob("*.zones"))
@@ -214,29 +217,13 @@ def test_blocks_give_the_maps_of_the_whole_to_the_last_bit(
     origins = [json.loads((f / "mosaic" / "manifest.json").read_text()) for f in (done.folder, out)]
     for key in ("inputs", "ref_widths_m", "preset", "crs", "seed"):
         assert origins[0][key] == origins[1][key], key
-    again = batch(
-        valley.releases, out, dem=valley.tiles, jobs=jobs, memory_gb=memory, say=said.append
-    )
+    again = own_batch()
     assert said[-1] == "The mosaic is complete" and again.found is None
     assert again.warnings == result.warnings
     # With the memory for the whole it is made anew.
     kept = json.loads((out / "mosaic" / "batch.json").read_text())
     for more in (kept["report_bytes"], None):
         assert kept_mosaic(out / "mosaic", kept["fingerprint"], more) is None
-
-
-@pytest.mark.battery
-def test_an_area_without_barriers_left_the_same_with_and_without(
-    done: Stopped, tmp_path: Path
-) -> None:
-    own = done.folder / "areas" / "nord"
-    assert (own / "without_barriers.npz").is_file()
-    shutil.copy(own / "simulation.npz", tmp_path)
-    record = replace(area(Part(0, 0, 2, 2), 0).record, sums=digests_of_sums(tmp_path))
-    alone = Reached("nord", record, tmp_path, Part(0, 0, 2, 2))
-    with_them, without = (read_state(alone, without) for without in (False, True))
-    assert with_them.keys() == without.keys()
-    assert all(np.array_equal(with_them[k], without[k]) for k in with_them)
 
 
 def area(part: Part, reached: int) -> Reached:
@@ -369,15 +356,3 @@ def test_areas_that_meet_through_others_are_one_group() -> None:
     assert [[areas.index(a) for a in g] for g in groups(areas, 5)] == [[0], [1], [2], [3]]
     # 0 and 3 are 10 columns apart, 3 and 1 as well; 0 and 1 meet only through 3.
     assert [[areas.index(a) for a in g] for g in groups(areas, 6)] == [[0, 1, 3], [2]]
-
-
-def test_what_cannot_be_read_is_no_trouble_with_writing_zones(
-    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
-) -> None:
-    def gone(_mosaic: object, _areas: object) -> None:
-        raise FileNotFoundError("simulation.npz")
-
-    monkeypatch.setattr(batch_mosaic, "_zones", gone)
-    mosaic: Any = None
-    with pytest.raises(FileNotFoundError):
-        batch_mosaic._draw_zones(mosaic, ([], tmp_path / "0.zones"))

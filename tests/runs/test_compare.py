@@ -70,11 +70,8 @@ def numbers(folder: Path) -> pd.DataFrame:
 
 
 def test_maps_of_the_change_are_the_difference(results: Any, compared: Path) -> None:
-    for stem, band in (
-        ("reach_probability", "reach"),
-        ("energy", "q95"),
-        ("passing_height", "q95"),
-    ):
+    maps = {"reach_probability": "reach", "energy": "q95", "passing_height": "q95"}
+    for stem, band in maps.items():
         old, new = (bands(r / "maps" / f"{stem}.tif")[band] for r in results)
         change = bands(compared / "maps" / f"{stem}_change.tif")
         wanted = np.where(
@@ -198,57 +195,49 @@ def test_a_run_and_a_zoning(results: Any, tmp_path: Path, call) -> None:
 
 
 def test_bad_folders_are_one_line(results: Any, tmp_path: Path, refusal) -> None:
-    out = tmp_path / "out"
-    (tmp_path / "empty").mkdir()
-    assert "not a result" in refusal("compare", results[0], tmp_path / "empty", "-o", out)
-    assert "not a result" in refusal("compare", tmp_path / "nowhere", results[0], "-o", out)
     broken = tmp_path / "broken"
-    broken.mkdir()
-    (broken / "manifest.json").write_text("{")
-    assert "cannot be read" in refusal("compare", broken, results[0], "-o", out)
-    (broken / "manifest.json").write_text("[]")
-    assert "is no manifest" in refusal("compare", broken, results[0], "-o", out)
+
+    def refused() -> str:
+        return str(refusal("compare", broken, results[0], "-o", tmp_path / "out"))
+
+    assert "not a result" in refused()
+    (broken / "maps").mkdir(parents=True)
+    assert "not a result" in refused()
+    for manifest, words in (("{", "cannot be read"), ("[]", "is no manifest")):
+        (broken / "manifest.json").write_text(manifest)
+        assert words in refused()
     shutil.copy(results[0] / "manifest.json", broken)
-    assert "no maps to compare" in refusal("compare", broken, results[0], "-o", out)
-    (broken / "maps").mkdir()
+    assert "no maps to compare" in refused()
     (broken / "maps" / "reach_probability.tif").write_text("no raster")
-    assert "cannot be read as a raster" in refusal("compare", broken, results[0], "-o", out)
-    assert not out.exists() and not list(tmp_path.glob("out*"))
+    assert "cannot be read as a raster" in refused()
+    assert not list(tmp_path.glob("out*"))
 
 
 def test_results_changed_by_hand_are_one_line(results: Any, tmp_path: Path, refusal) -> None:
-    before, after = results
+    changed = shutil.copytree(results[1], tmp_path / "changed")
 
-    def refused(*changes: tuple[str, str, str]) -> str:
-        """What is said of a result without a column, or with a geometry less."""
-        changed = tmp_path / "changed"
-        shutil.rmtree(changed, ignore_errors=True)
-        shutil.copytree(after, changed)
-        for file, layer, column in changes:
-            frame = gpd.read_file(changed / file, layer=layer)
-            if column == "geometry":
-                frame.loc[0, "geometry"] = None
-            else:
-                frame = frame.drop(columns=column)
-            frame.to_file(changed / file, layer=layer, driver="GPKG")
-        return str(refusal("compare", before, changed, "-o", tmp_path / "out"))
+    def refused() -> str:
+        return str(refusal("compare", results[0], changed, "-o", tmp_path / "out"))
 
     for file, layer, column in (
-        ("hazard.gpkg", "hazard_zones", "label"),
-        ("result.gpkg", "stops", "runout_m"),
         ("result.gpkg", "stations", "rocks"),
+        ("result.gpkg", "stops", "runout_m"),
+        ("hazard.gpkg", "hazard_zones", "label"),
     ):
-        said = refused((file, layer, column))
-        assert f"{file}: layer {layer}, {column}: a column is missing" in said
-    assert "layer hazard_zones: a geometry is missing" in refused(
-        ("hazard.gpkg", "hazard_zones", "geometry")
-    )
-    manifest = tmp_path / "changed" / "manifest.json"
+        whole = (changed / file).read_bytes()
+        frame = gpd.read_file(changed / file, layer=layer)
+        frame.drop(columns=column).to_file(changed / file, layer=layer, driver="GPKG")
+        assert f"{file}: layer {layer}, {column}: a column is missing" in refused()
+        (changed / file).write_bytes(whole)
+    frame.loc[0, "geometry"] = None
+    frame.to_file(changed / file, layer=layer, driver="GPKG")
+    assert "layer hazard_zones: a geometry is missing" in refused()
+    manifest = changed / "manifest.json"
     for counts, said in (("many", "counts.rocks"), (None, "counts: is no table")):
         content = json.loads(manifest.read_text())
         content["counts"] = counts and {"rocks": counts}
         manifest.write_text(json.dumps(content))
-        assert said in refusal("compare", before, manifest.parent, "-o", tmp_path / "out")
+        assert said in refused()
 
 
 @pytest.mark.qgis

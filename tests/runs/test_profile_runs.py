@@ -54,17 +54,6 @@ def test_a_profile_from_a_table_leaves_all_its_files(bedrina: Path, tmp_path: Pa
     assert "<td>1986</td>" in (tmp_path / "out" / "report.html").read_text(encoding="utf-8")
 
 
-def test_equal_seeds_give_equal_profiles_and_others_do_not(bedrina: Path) -> None:
-    config = load_config(bedrina)
-    profile = profile_from_csv(config)
-    first, again, other = (
-        simulate_profile(replace(config, run=replace(config.run, seed=s)), profile, rocks=10)
-        for s in (1, 1, 2)
-    )
-    assert first.rocks.tobytes() == again.rocks.tobytes()
-    assert (first.rocks["mass_kg"] != other.rocks["mass_kg"]).all()
-
-
 def test_scenarios_with_names_that_begin_alike_draw_apart(bedrina: Path) -> None:
     config = load_config(bedrina)
     twins = tuple(replace(config.blocks[0], name=f"blocks of {n}") for n in ("one", "two"))
@@ -73,17 +62,6 @@ def test_scenarios_with_names_that_begin_alike_draw_apart(bedrina: Path) -> None
     assert (one["mass_kg"] != two["mass_kg"]).all()
     # As many paths as stops of the same rocks on the picture.
     assert len(result.paths) == 2 * result.drawn == 60
-
-
-def test_the_wind_acts_on_a_profile(bedrina: Path) -> None:
-    config = load_config(bedrina)
-    profile = profile_from_csv(config)
-    means = []
-    for acceleration in (-2.0, 0.0, 2.0):
-        blown = load_config(bedrina, {"effects.wind": {"acceleration_mps2": acceleration}})
-        means.append(simulate_profile(blown, profile, rocks=60).rocks["max_speed_mps"].mean())
-    assert means[0] < means[1] < means[2]
-    assert means[1] == simulate_profile(config, profile, rocks=60).rocks["max_speed_mps"].mean()
 
 
 def test_shares_and_histograms_count_the_passages(bedrina: Path) -> None:

@@ -155,14 +155,6 @@ def test_parquet_holds_the_same_as_csv(small, tmp_path) -> None:
         pd.testing.assert_frame_equal(mine, theirs, check_dtype=False, rtol=0, atol=0)
 
 
-def test_a_subset_of_areas_says_so(small, tmp_path) -> None:
-    result = run(small.config, tmp_path / "out", areas=["Nord"], jobs=1)
-    manifest = json.loads((tmp_path / "out" / "manifest.json").read_text())
-    assert manifest["settings"]["areas"] == ["Nord"]
-    assert [a.name for a in result.run.areas] == ["Nord"]
-    assert "areas" not in json.loads((small.folder / "manifest.json").read_text())["settings"]
-
-
 @pytest.mark.battery
 def test_stop_points_max_is_a_maximum(make_valley, tmp_path) -> None:
     config = load_config(make_valley(), {"output.stop_points_max": 50})

@@ -192,13 +192,11 @@ def test_weights_make_up_for_blocks_that_are_left_out(tmp_path: Path) -> None:
 
 def with_barriers(case: Case) -> Case:
     """A wall across the gully, and a net that some rocks break."""
-    (x, top), (_, bottom) = place(50.0, 20.0), place(50.0, 50.0)
-    (west, _), _ = place(30.0, 0.0), None
+    wall, net = ([list(place(col, row)) for row in (20.0, 50.0)] for col in (50.0, 30.0))
     case.lists["barriers"] = [
-        {"name": "wall", "kind": "wall", "height_m": 2.0, "line": [[x, top], [x, bottom]]},
-        {"name": "net", "kind": "net", "height_m": 3.0, "capacity_kj": 100.0,
-         "line": [[west, top], [west, bottom]]},
-    ]  # fmt: skip
+        {"name": "wall", "kind": "wall", "height_m": 2.0, "line": wall},
+        {"name": "net", "kind": "net", "height_m": 3.0, "capacity_kj": 100.0, "line": net},
+    ]
     case.write()
     return case
 

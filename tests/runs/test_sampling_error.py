@@ -73,9 +73,10 @@ CASES = {
     "lattice, 10 m wide": {"hazard": {"ref_width_m": 10.0}},
     "random": {"release": {"placement": "random"}},
 }
+SLOW = pytest.param("random", marks=pytest.mark.battery)
 
 
-@pytest.fixture(scope="module", params=CASES)
+@pytest.fixture(scope="module", params=["lattice, 10 m wide", SLOW])
 def runs(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Repeated:
     return repeated(tmp_path_factory.mktemp("repeated"), **CASES[request.param])
 

@@ -15,7 +15,7 @@ from sassgis.settings.profiles import LineEnd
 from sassgis.settings.results import StopReason
 from sassgis.settings.statistics_table import bins_of
 from sassgis.simulation.accumulators import Progress, joined_rows, line_ends, sample_of
-from sassgis.simulation.loop import chunks_of, simulate_map
+from sassgis.simulation.loop import simulate_map
 from sassgis.simulation.map_sums import MapSums
 from sassgis.terrain.plan import plan
 
@@ -30,16 +30,6 @@ def test_sums_are_the_same_bits_for_any_jobs_and_chunks(
     job, planned, whole, jobs: int, chunk_points: int
 ) -> None:
     assert_same(simulate_map(job, planned, jobs=jobs, chunk_points=chunk_points), whole)
-
-
-def test_chunks_hold_every_point_once(planned) -> None:
-    for size in (1, 7, 32, 1000):
-        chunks = chunks_of(planned, size=size)
-        assert np.array_equal(
-            np.concatenate([c.points for c in chunks]), np.arange(len(planned.points))
-        )
-        assert max(c.points.size for c in chunks) <= size
-        assert all(np.unique(planned.points.area[c.points]).size == 1 for c in chunks)
 
 
 def test_another_seed_gives_other_rocks(job, planned, whole) -> None:
@@ -130,9 +120,6 @@ def test_maps_agree_with_each_rock_looked_at_alone(job, monkeypatch: pytest.Monk
                 assert band[stem, "mean"][cell] == pytest.approx(np.mean(own), rel=1e-5, abs=1e-3)
 
 
-# --- The sample ----------------------------------------------------------------------------------
-
-
 def test_random_points_differ_between_seeds_and_lie_in_their_areas(job) -> None:
     one = replace(job, release=replace(job.release, placement="random"))
     first, again, other = (plan(replace(one, seed=s)).points for s in (1, 1, 2))
@@ -145,19 +132,14 @@ def test_random_points_differ_between_seeds_and_lie_in_their_areas(job) -> None:
     assert simulate_map(one, plan(one)).reasons.sum() > 0
 
 
-# --- Where rocks start ---------------------------------------------------------------------------
-
-
 def test_rocks_start_along_lines_and_at_points(job) -> None:
-    box = job.areas[0].geometry
-    x, y = box.representative_point().coords[0]
-    line = shapely.LineString([(x - 15.0, y), (x + 15.0, y)])
-    areas = (
-        replace(job.areas[0], name="line", geometry=line),
-        replace(job.areas[0], name="point", geometry=shapely.Point(x, y)),
-        replace(job.areas[0], name="points", geometry=shapely.MultiPoint([(x, y), (x + 3, y)])),
-    )
-    some = replace(job, areas=areas)
+    x, y = job.areas[0].geometry.representative_point().coords[0]
+    shapes = {
+        "line": shapely.LineString([(x - 15.0, y), (x + 15.0, y)]), "point": shapely.Point(x, y),
+        "points": shapely.MultiPoint([(x, y), (x + 3, y)]),
+    }  # fmt: skip
+    areas = (replace(job.areas[0], name=n, geometry=own) for n, own in shapes.items())
+    some = replace(job, areas=tuple(areas))
     planned = plan(some)
     counts = np.bincount(planned.points.area)
     assert counts.tolist() == [3, 1, 2]

@@ -64,8 +64,6 @@ def test_the_early_quantile_of_counted_times() -> None:
             exact = times[int(np.ceil(p * len(times) - 1e-9)) - 1]
             i = int(np.searchsorted(edges, exact, side="right")) - 1
             assert max(edges[i], times[0]) <= found[band][k] <= edges[i + 1]
-    # Of one rock every quantile is close to its time, and none is earlier.
-    assert found["q5"][0] >= own[0][0]
 
 
 def test_no_quantile_is_beyond_the_extremes() -> None:

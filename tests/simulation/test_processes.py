@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import operator
 import os
 import re
 import signal
@@ -120,13 +121,9 @@ def test_results_and_errors_are_those_of_the_work(jobs: int) -> None:
     with task_map(2, jobs) as each:
         assert list(each(power, range(40))) == [float(k * k) for k in range(40)]
         with pytest.raises(ZeroDivisionError):
-            list(each(modulo, [1, 0, 2]))
+            list(each(operator.mod, [1, 0, 2]))
         # The processes are there for what comes next.
         assert list(each(power, [3])) == [9.0]
-
-
-def modulo(common: int, task: int) -> int:
-    return common % task
 
 
 def test_errors_say_where_they_arose() -> None:
@@ -136,21 +133,6 @@ def test_errors_say_where_they_arose() -> None:
         assert "in fails" in caught.value.__notes__[0]
         with pytest.raises(RuntimeError, match="Unreadable: of its own"):
             list(pool.in_order(fails, None, ["own"]))
-
-
-def test_what_is_common_is_sent_once_to_each_process(monkeypatch: pytest.MonkeyPatch) -> None:
-    sent = []
-    whole = worker_process._send
-    monkeypatch.setattr(
-        worker_process, "_send", lambda pipe, message: sent.append(message) or whole(pipe, message)
-    )
-    with Processes(1) as pool:
-        common = 2
-        for _ in range(2):
-            assert list(pool.in_order(power, common, [1, 2, 3])) == [1.0, 4.0, 9.0]
-        assert list(pool.in_order(power, 3, [2])) == [8.0]
-    # In turn what is common, if anything is new, and a task.
-    assert [bool(message) for message in sent[::2]] == [True, *[False] * 5, True]
 
 
 def program(repository: Path) -> Popen[str]:

@@ -10,13 +10,7 @@ from sassgis.settings.statistics_table import default_bins
 from sassgis.simulation.accumulators import Progress
 from sassgis.simulation.control_lines import ControlLineSums
 from sassgis.simulation.map_sums import MapSums
-from sassgis.simulation.response import (
-    RelativeChange,
-    RunOutcome,
-    ToleranceCheck,
-    outcome_of,
-    response,
-)
+from sassgis.simulation.response import RunOutcome, ToleranceCheck, outcome_of, response
 
 EVENLY = np.full(100, 20, np.int64)  # 2000 blocks, evenly up to 100 m
 
@@ -77,11 +71,3 @@ def test_the_warning_names_what_changed_beyond_a_fifth() -> None:
     assert check.facts()["changes"]["0.1 m"]["runout_q95"] == 0.0  # type: ignore[index]
     near = np.full(110, round(2000 / 110), np.int64)
     assert not ToleranceCheck(0.2, 2000, {0.4: response(base, outcome(near))}).warnings()
-
-
-def test_numbers_as_text() -> None:
-    assert [str(RelativeChange(v, True)) for v in (0.124, -0.3, -0.004)] == [
-        "+12 %",
-        "-30 %",
-        "0 %",
-    ]

@@ -21,7 +21,6 @@ from sassgis.settings.results import Band, RasterClass, RasterLayer
 from sassgis.studies.result_change import (
     ENERGY_MEAN,
     REACH_MEAN,
-    ResultChange,
     difference,
     levels_differ,
     result_change,
@@ -216,22 +215,17 @@ def test_levels_are_compared_in_whatever_language(other: StoredResult, same: boo
 # --- manifests ------------------------------------------------------------------------------
 
 
-def differ(after: dict[str, Any]) -> list[tuple[str, str, str, str]]:
-    one = stored(block(2))
-    found: ResultChange = result_change(one, replace(one, manifest=after), NO_OBJECTS)
-    return [(d.kind, d.name, d.before, d.after) for d in found.differences]
-
-
 def test_settings_inputs_and_versions_that_differ() -> None:
-    moved = {"terrain": {"dem": "/there/dem.tif"}, "blocks": [{"name": "big", "n": 2}]}
     # Inputs count by content, not by where they lie.
-    assert differ(manifest(settings=moved)) == [("setting", "blocks.big.n", "1", "2")]
+    moved = {"terrain": {"dem": "/there/dem.tif"}, "blocks": [{"name": "big", "n": 2}]}
     other = [{"role": "dem", "path": "new.tif", "sha256": "b" * 64}]
-    assert differ(manifest(inputs=other)) == [
-        ("input", "dem", "dem.tif (aaaaaaaa)", "new.tif (bbbbbbbb)")
-    ]
-    assert differ(manifest(seed=2, versions={"numpy": "3"})) == [
+    changed = manifest(settings=moved, inputs=other, seed=2, versions={"numpy": "3"})
+    one = stored(block(2))
+    found = result_change(one, replace(one, manifest=changed), NO_OBJECTS)
+    assert [tuple(difference) for difference in found.differences] == [
         ("seed", "seed", "1", "2"),
+        ("setting", "blocks.big.n", "1", "2"),
+        ("input", "dem", "dem.tif (aaaaaaaa)", "new.tif (bbbbbbbb)"),
         ("library", "numpy", "2", "3"),
     ]
 

@@ -58,14 +58,15 @@ def sensitivity_layers(
         "{} simulations with values that fill the ranges of all ground classes; the same blocks "
         "in each."
     )
+    cells, all_bands = maps
     classes = {
         "level_could_be": () if preset is None else level_classes(preset),
         "strongest_parameter": _parameter_classes(
-            maps.bands["strongest_parameter"]["strongest"], ranges
+            all_bands["strongest_parameter"]["strongest"], ranges
         ),
     }
     layers = []
-    for key, bands in maps.bands.items():
+    for key, bands in all_bands.items():
         if preset is None and key.startswith("level"):
             continue
         shown = [
@@ -73,7 +74,7 @@ def sensitivity_layers(
             described_band(
                 key,
                 n,
-                on_grid(np.where(v > 0, v, np.nan) if key in classes else v, maps.cells, shape),
+                on_grid(np.where(v > 0, v, np.nan) if key in classes else v, cells, shape),
             )
             for n, v in bands.items()
         ]
@@ -96,6 +97,7 @@ def spread_layers(
     maps: CellMaps, draws: int, grid: Grid, preset: HazardPreset | None, ref_width_m: float
 ) -> tuple[RasterLayer, ...]:
     """Return limits of the bands of hazard level (width in m), with a preset, and of reach."""
+    cells, bands = maps
     reach = next(row for row in STATISTICS if row.stem == "reach_probability")
     looks: dict[str, tuple[float, dict[str, Any]]] = {
         "ground_reach": (grid.cell_size, {"breaks": reach.breaks, "ramp": reach.ramp})
@@ -107,10 +109,10 @@ def spread_layers(
         for name, share in (("high", HIGH), ("low", LOW)):
             percent = f"{100 * share:g}"
             words: dict[str, Any] = {"percent": percent, "draws": draws, "width": f"{width:.4g}"}
-            values = maps.bands[key][name]
+            values = bands[key][name]
             # No block and no level are no 0, as on the maps of the run itself.
             own = np.where(values > 0, values.astype(float), np.nan)
-            band = described_band(key, "value", on_grid(own, maps.cells, grid.shape), **words)
+            band = described_band(key, "value", on_grid(own, cells, grid.shape), **words)
             layers.append(described_raster(key, [band], stem=f"{key}_q{percent}", **look, **words))
     return tuple(layers)
 
@@ -120,17 +122,18 @@ def spread_vectors(
 ) -> tuple[VectorLayer, ...]:
     """Return areas that blocks reach in some and in most draws, and parts where levels change."""
     layers = []
-    level, low, high = (maps.bands["ground_level"][name] for name in ("base", "low", "high"))
+    cells, bands = maps
+    level, low, high = (bands["ground_level"][name] for name in ("base", "low", "high"))
     for key, other, which in (("higher", high, high > level), ("lower", low, low < level)):
         if preset is not None:
-            pieces = _pieces(maps.cells[which], level[which], other[which], grid)
+            pieces = _pieces(cells[which], level[which], other[which], grid)
             codes = [own.code for own in preset.levels]
             layer = level_changes(pieces, codes, grid.crs, f"level_changes.ground_{key}")
             layers.append(replace(layer, name=f"ground_level_{key}"))
     labels, outlines = [], []
     for name, (label, _) in _REACHED.items():
-        reach = maps.bands["ground_reach"][name]
-        reach = on_grid(np.where(reach > 0, reach, np.nan), maps.cells, grid.shape)
+        reach = bands["ground_reach"][name]
+        reach = on_grid(np.where(reach > 0, reach, np.nan), cells, grid.shape)
         own = footprints(reach, grid, [0.0])
         if own:
             labels.append(label)

@@ -105,10 +105,10 @@ def test_the_configuration_made_from_it_reads_every_layer(
     config.write_text(short_template(given))
     settings = load_config(config)
     report = check_inputs(settings)
-    assert [a.name for a in report.areas] == ["north"]
+    assert [a["name"] for a in report.areas] == ["north"]
     assert [(c.name, c.kind) for c in report.control_lines] == [("road", "station"), ("N", "net")]
     assert (report.control_lines[1].height_m, report.control_lines[1].capacity_kj) == (3.5, 500.0)
-    assert [c.name for c in report.classes] == ["talus"]
+    assert [c["name"] for c in report.classes] == ["talus"]
     assert settings.trees is not None and settings.trees.dbh_field == "dbh_cm"
     assert {o.kind: set(o.fields) for o in settings.objects} == {
         "building": {"value", "persons", "presence"},
