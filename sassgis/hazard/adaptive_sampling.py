@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from sassgis.errors import ConfigError
 from sassgis.grid import FloatArray
 from sassgis.hazard.assess import Rules, curves_of
+from sassgis.hazard.levels import hazard_level
 from sassgis.hazard.sampling_error import level_chances, worth_of_places
 from sassgis.hazard.sources import sampled_sources
 from sassgis.settings.hazard_rules import BlockBudget
@@ -46,7 +47,8 @@ class MoreBlocks:
         sampled = sampled_sources(run, progress, self.rules.frequencies)
         curves = curves_of(sampled, bins_of(run).threshold)
         known = np.isfinite(run.grid.values)
-        share = level_chances(curves, self.rules.preset, known).changed_share
+        level = hazard_level(curves, self.rules.preset)
+        share = level_chances(curves, level, self.rules.preset, known).changed_share
         # A state that was saved after the last repetition is asked once more.
         if not progress.history or progress.history[-1][0] < progress.simulated:
             progress.history.append((progress.simulated, share))

@@ -8,6 +8,7 @@ from itertools import pairwise
 
 import numpy as np
 import shapely
+from numpy.typing import NDArray
 
 from sassgis.grid import BoolArray, ClassMap, FloatArray, Grid, IntArray
 from sassgis.hazard.attribution import attribution, governing, zone_of_cells
@@ -147,21 +148,22 @@ def around(grid: Grid, cells: IntArray, beside: int) -> tuple[Grid, IntArray]:
 
 
 def level_zones(
-    curves: Sequence[HazardCurves], preset: HazardPreset, grid: Grid, rules: Drawing
+    curves: Sequence[HazardCurves],
+    levels: Sequence[NDArray[np.int16]],
+    preset: HazardPreset,
+    grid: Grid,
+    rules: Drawing,
 ) -> list[Coverage]:
-    """Return zones of hazard level of several simulations, as with and without barriers.
+    """Draw zones of hazard level of several simulations, as with and without barriers.
+
+    ``levels`` are those of the places of the curves.
 
     Where no cell of a map is above that of the next, the zones of the first lie within those of the
     next: drawn each for itself, smoothing by itself would make zones higher here and lower there.
     """
     maps = [
-        (
-            c.places,
-            np.maximum(
-                hazard_level(c, preset), cells_within_limit(c, preset, grid, rules.smoothing_m)
-            ),
-        )
-        for c in curves
+        (c.places, np.maximum(level, cells_within_limit(c, preset, grid, rules.smoothing_m)))
+        for c, level in zip(curves, levels, strict=True)
     ]
     whole = (raster(grid, *own) for own in maps)
     nested = all((one <= other).all() for one, other in pairwise(whole))
@@ -255,17 +257,18 @@ def hazard_of(
     grid: Grid,
     sampled: Sequence[Sampled],
     curves: HazardCurves,
+    level: NDArray[np.int16],
     zones: Coverage,
     confidence: float,
     edits: Sequence[Edit],
 ) -> Hazard:
     """Assess the hazard from the counts of a simulation.
 
-    The curves are those of all cells, the zones those of hazard level, to which the edits belong;
-    ``confidence`` is that of the sampling interval.
+    The curves and levels are those of all cells, the zones those of hazard level, to which the
+    edits belong; ``confidence`` is that of the sampling interval.
     """
     preset = rules.preset
-    chances = level_chances(curves, preset, np.isfinite(grid.values), rules.in_part)
+    chances = level_chances(curves, level, preset, np.isfinite(grid.values), rules.in_part)
     unsure = chances.uncertain(confidence)
     levels, edit, applied = with_edits(zones, edits, [c.code for c in preset.levels])
     applied = tuple(
@@ -304,12 +307,16 @@ def assess(
     """
     both = [sampled] if without is None else [sampled, without]
     curves = [curves_of(own, energies_kj) for own in both]
-    zones = level_zones(curves, rules.preset, grid, rules.zones)
-    after = hazard_of(rules, grid, sampled, curves[0], zones[0], confidence, rules.edits)
-    before = risk_before = None
-    if without is not None:
-        before = hazard_of(rules, grid, without, curves[1], zones[1], confidence, ())
-        risk_before = risk_of(rules, without, energies_kj)
+    levels = [hazard_level(own, rules.preset) for own in curves]
+    zones = level_zones(curves, levels, rules.preset, grid, rules.zones)
+
+    def hazard(k: int, edits: Sequence[Edit]) -> Hazard:
+        drawn = both[k], curves[k], levels[k], zones[k]
+        return hazard_of(rules, grid, *drawn, confidence, edits)
+
+    after = hazard(0, rules.edits)
+    before = None if without is None else hazard(1, ())
+    risk_before = None if without is None else risk_of(rules, without, energies_kj)
     by_area = {}
     for area in dict.fromkeys(s.source.area for s in sampled) if by_source else ():
         own = curves_of([s for s in sampled if s.source.area == area], energies_kj)

@@ -12,7 +12,7 @@ from scipy import ndimage, special
 
 from sassgis.grid import BoolArray, FloatArray, IntArray
 from sassgis.hazard.curves import at_energies, wide_variance
-from sassgis.hazard.levels import hazard_level, limits_of_levels
+from sassgis.hazard.levels import limits_of_levels
 from sassgis.settings.hazard_rules import HazardCurves, HazardPreset
 
 #: Least and most of what few places say of all: shapes of a gamma distribution stay above 0, and no
@@ -108,6 +108,7 @@ class LevelChances:
 
 def level_chances(
     curves: HazardCurves,
+    level: NDArray[np.int16],
     preset: HazardPreset,
     known: BoolArray | None = None,
     in_part: bool = False,
@@ -133,6 +134,8 @@ def level_chances(
     curves : HazardCurves
         With the thresholds of the preset among its energies. Its places are cells, if any are
         known.
+    level : int16, shape (n,)
+        Of the places, by `levels.hazard_level`.
     known : bool, shape (n_rows, n_cols), optional
         Cells of the terrain with a height; without them nothing is said of places that no block
         reached.
@@ -164,9 +167,9 @@ def level_chances(
     # A level that is reached is reached by the lower ones too, whatever the rounding.
     np.maximum.accumulate(chance[::-1], out=chance[::-1])
     chance = chance.T
-    level = np.zeros(places.size, np.int16)
-    level[own] = hazard_level(few, preset)
-    return LevelChances(places, level, chance, in_part)
+    of_all = np.zeros(places.size, np.int16)
+    of_all[own] = level
+    return LevelChances(places, of_all, chance, in_part)
 
 
 def _beta(blocks: FloatArray) -> float:

@@ -14,7 +14,6 @@ from matplotlib.figure import Figure
 from sassgis.grid import FloatArray
 from sassgis.hazard.assess import Assessment, Hazard, Rules, raster
 from sassgis.hazard.curves import source_rate
-from sassgis.hazard.levels import hazard_level
 from sassgis.hazard.preset_labels import energy_labels, period_labels
 from sassgis.hazard.risk import RiskTable, risk_totals
 from sassgis.hazard.zoning.applied_edits import shares_text
@@ -145,7 +144,7 @@ def zone_figures(
     if found.without is not None:
         both = []
         for one in (found.without, hazard):
-            levels = raster(grid, one.curves.places, hazard_level(one.curves, rules.preset))
+            levels = raster(grid, one.chances.places, one.chances.level)
             drawn = np.where(levels == 0, np.nan, levels).astype(np.float32)
             both.append(replace(level, bands=(replace(level.bands[0], values=drawn),)))
         names = ("Without walls and nets", "With them")

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from sassgis.grid import FloatArray, Grid
 from sassgis.hazard.curves import at_energies, energy_at, rate_interval, return_period
-from sassgis.hazard.levels import hazard_level, intensity_class
+from sassgis.hazard.levels import intensity_class
 from sassgis.hazard.preset_labels import energy_labels, preset_unverified
 from sassgis.hazard.sampling_error import LevelChances, rocks_factor
 from sassgis.outputs.layers.maps import Place, described_band, described_raster, level_classes
@@ -42,7 +42,7 @@ def hazard_layers(
     """
     maker = _Maker(curves, preset, grid, ref_width_m, confidence)
     return (
-        maker.level(),
+        maker.level(chances),
         *(maker.intensity(years) for years in return_periods),
         maker.intensity(None),
         maker.energy(return_periods),
@@ -87,10 +87,11 @@ class _Maker:
             ),
         }
 
-    def level(self) -> RasterLayer:
-        key, classes = "hazard_level", level_classes(self._preset)
-        bands = [self._classes(key, "level", hazard_level(self._few, self._preset))]
-        return described_raster(key, bands, classes=classes, **self._words)
+    def level(self, chances: LevelChances) -> RasterLayer:
+        key, place = "hazard_level", Place(chances.places, self._place.shape)
+        values = place.map_of(np.where(chances.level > 0, chances.level, np.nan))
+        bands = [described_band(key, "level", values)]
+        return described_raster(key, bands, classes=level_classes(self._preset), **self._words)
 
     def intensity(self, years: float | None) -> RasterLayer:
         if years is None:
