@@ -54,12 +54,8 @@ class ZoneFacts:
         return length
 
 
-@dataclass(frozen=True, slots=True)
-class IntensityMap:
-    """Zones of intensity at one return period; ``years`` is None for the extreme event."""
-
-    years: float | None
-    zones: Coverage
+#: Zones of intensity by return period (years), from frequent to rare; None is the extreme event.
+Intensities = dict[float | None, Coverage]
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,8 +67,7 @@ class Hazard:
     computed: Coverage  # zones of hazard level; class k is the preset's level k - 1
     levels: Coverage  # the same with the edits of experts
     facts: ZoneFacts  # of the zones of ``levels``
-    # From frequent to rare; class k is the preset's intensity k - 1.
-    intensities: tuple[IntensityMap, ...]
+    intensities: Intensities  # class k is the preset's intensity k - 1
     chances: LevelChances  # what another sample of blocks would make of the level of cells
     uncertain: BoolArray  # shape (n,); whether it might change the level of a cell of ``chances``
     edits: tuple[AppliedEdit, ...]
@@ -103,8 +98,8 @@ def curves_of(sampled: Sequence[Sampled], energies_kj: np.ndarray) -> HazardCurv
 
 def intensity_maps(
     curves: HazardCurves, preset: HazardPreset, grid: Grid, rules: Drawing
-) -> tuple[IntensityMap, ...]:
-    """Return zones of intensity for the preset's return periods and the extreme event.
+) -> Intensities:
+    """Draw zones of intensity for the preset's return periods and the extreme event.
 
     The zones of a rarer event contain those of a more frequent one. The extreme event has the outer
     limit of the hazard levels.
@@ -115,7 +110,7 @@ def intensity_maps(
     classes[-1] = np.maximum(classes[-1], cells_within_limit(few, preset, grid, rules.smoothing_m))
     maps = [(few.places, c) for c in classes]
     envelopes = [t is None for t in years]
-    return tuple(map(IntensityMap, years, _nested_zones(maps, grid, rules, envelopes)))
+    return dict(zip(years, _nested_zones(maps, grid, rules, envelopes), strict=True))
 
 
 def _nested_zones(
@@ -242,7 +237,7 @@ class Assessment:
     hazard: Hazard  # with the walls and nets there are
     without: Hazard | None  # without them; None if there are none or nobody asked
     # Intensities of each single release area; empty unless asked for.
-    by_area: dict[str, tuple[IntensityMap, ...]]
+    by_area: dict[str, Intensities]
     risk: RiskTable | None
     risk_without: RiskTable | None
 

@@ -15,7 +15,7 @@ from sassgis.grid import FloatArray
 from sassgis.hazard.assess import Assessment, Hazard, Rules, raster
 from sassgis.hazard.curves import source_rate
 from sassgis.hazard.preset_labels import energy_labels, period_labels
-from sassgis.hazard.risk import RiskTable, risk_totals
+from sassgis.hazard.risk import RiskTable, total_rows
 from sassgis.hazard.zoning.applied_edits import shares_text
 from sassgis.hazard.zoning.coverage import Coverage
 from sassgis.report import figures
@@ -338,17 +338,19 @@ def _risk_table(risk: RiskTable, without: RiskTable | None, money: str) -> Repor
         + ("" if without is None else "; loss without walls and nets | money; "
            "deaths without walls and nets | 1/year")
     )  # fmt: skip
-    before = [] if without is None else risk_totals(without)
+    before = {} if without is None else {(t["scope"], t["name"]): t for t in total_rows(without)}
     rows = []
-    for total in risk_totals(risk):
+    for total in total_rows(risk):
         row = [
-            total.name, total.scope, rounded(total.values["hits"]), rounded(total.values["loss"]),
-            rounded(total.standard_error["loss"], 2), rounded(total.values["deaths"]),
-            rounded(total.standard_error["deaths"], 2), rounded(total.individual_risk),
+            total["name"], total["scope"], rounded(total["hits_per_year"]),
+            rounded(total["loss_per_year"]), rounded(total["loss_per_year_se"], 2),
+            rounded(total["deaths_per_year"]), rounded(total["deaths_per_year_se"], 2),
+            rounded(total["individual_risk_largest_per_year"]),
         ]  # fmt: skip
         if without is not None:
-            same = next((b for b in before if (b.scope, b.name) == (total.scope, total.name)), None)
-            row += [None if same is None else rounded(same.values[v]) for v in ("loss", "deaths")]
+            same = before.get((total["scope"], total["name"]), {})
+            values = (same.get(f"{name}_per_year") for name in ("loss", "deaths"))
+            row += [None if value is None else rounded(value) for value in values]
         rows.append(row)
     return table_of(
         "Risk of exposed objects",

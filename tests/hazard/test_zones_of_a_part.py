@@ -45,7 +45,7 @@ def test_places_that_lie_apart_do_not_feel_each_other(corner: tuple[int, int]) -
     )
     together = intensity_maps(both, PRESET, grid, RULES)
     alone = [intensity_maps(c, PRESET, grid, RULES) for c in (one, other)]
-    for k, found in enumerate(together):
-        parts = {shapely.normalize(p).wkb for own in alone for p in own[k].zones.polygons}
-        assert parts == {shapely.normalize(p).wkb for p in found.zones.polygons}
-    assert together[-1].zones.polygons.size
+    for years, zones in together.items():
+        parts = {shapely.normalize(p).wkb for own in alone for p in own[years].polygons}
+        assert parts == {shapely.normalize(p).wkb for p in zones.polygons}
+    assert together[None].polygons.size
