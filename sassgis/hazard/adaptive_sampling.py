@@ -102,21 +102,12 @@ class MoreBlocks:
 
 
 def halvings_of(left_open: FloatArray | None, planned: Plan) -> NDArray[np.uint8] | None:
-    """Count how often each point's blocks are halved so that all of them cost the least.
+    """Count how often each point's blocks are halved, so that all of them cost the least.
 
     Neyman (1934): where a stratum adds v/n to the variance, n proportional to the root of v gives
     the least variance of all samples of one size; here to the nearest power of 2, within an eighth
-    of the most.
-
-    Parameters
-    ----------
-    left_open : float64, shape (n_points, n_scenarios), or None
-        v of each stratum.
-
-    Returns
-    -------
-    uint8, shape (n_points, n_scenarios), or None
-        None where all have as many.
+    of the most. ``left_open`` is v of each stratum, shape (n_points, n_scenarios), as the result;
+    None where all have as many.
     """
     if left_open is None or not (left_open > 0.0).any():
         return None
@@ -163,10 +154,7 @@ def round_within(
 
 
 def check_budget(config: Config, run: MapRun, blocks: int) -> None:
-    """Raise ConfigError for a budget that nothing can be done with.
-
-    ``blocks`` are those of one repetition at each release point.
-    """
+    """Raise ConfigError for a budget smaller than one repetition (``blocks``), or of no use."""
     budget, release = config.hazard.budget, run.release
     if budget is None:
         return

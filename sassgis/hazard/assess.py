@@ -13,7 +13,13 @@ from numpy.typing import NDArray
 from sassgis.grid import BoolArray, ClassMap, FloatArray, Grid, IntArray
 from sassgis.hazard.attribution import attribution, governing, zone_of_cells
 from sassgis.hazard.curves import at_energies, hazard_curves
-from sassgis.hazard.levels import cells_within_limit, deciding_energy, hazard_level, intensity_class
+from sassgis.hazard.levels import (
+    cells_within_limit,
+    deciding_energy,
+    hazard_level,
+    intensity_class,
+    window_of,
+)
 from sassgis.hazard.risk import RiskTable, assess_risk
 from sassgis.hazard.sampling_error import LevelChances, level_chances
 from sassgis.hazard.sources import Sampled
@@ -123,23 +129,10 @@ def _nested_zones(
     # Maps of the same curves name the same cells, which are ascending already.
     named = list({id(cells): cells for cells, _ in maps}.values())
     reached = named[0] if len(named) == 1 else np.unique(np.concatenate(named))
-    own, cells = around(grid, reached, reach_cells(rules, grid.cell_size))
-    rasters = [raster(own, cells[np.searchsorted(reached, c)], k) for c, k in maps]
+    window = window_of(reached, grid.shape, reach_cells(rules, grid.cell_size))
+    own = grid.part(window.rows, window.cols)
+    rasters = [raster(own, window.cells[np.searchsorted(reached, c)], k) for c, k in maps]
     return drawn_zones(rasters, own, rules, np.isfinite(own.values), envelopes)
-
-
-def around(grid: Grid, cells: IntArray, beside: int) -> tuple[Grid, IntArray]:
-    """Return part of a grid around some cells, with so many cells next to them, and they on it."""
-    n_rows, n_cols = grid.shape
-    row, col = np.divmod(cells, n_cols)
-    if not cells.size:
-        row = col = np.zeros(1, np.int64)
-    top, left = max(int(row.min()) - beside, 0), max(int(col.min()) - beside, 0)
-    bottom = min(int(row.max()) + beside + 1, n_rows)
-    right = min(int(col.max()) + beside + 1, n_cols)
-    own = grid.part(slice(top, bottom), slice(left, right))
-    flat = (row - top) * (right - left) + (col - left)
-    return own, flat[: cells.size]
 
 
 def level_zones(
@@ -179,7 +172,7 @@ def zone_facts(
     lowered: FloatArray,
     edit: IntArray,
 ) -> ZoneFacts:
-    """Return the attribution and confidence of zones of hazard level.
+    """Compute the attribution and confidence of zones of hazard level.
 
     Of the cells of the curves, ``unsure`` are those whose level is, and ``lowered`` is the
     probability that another sample lowers it. What an edit has set no sample of blocks changes.
@@ -259,8 +252,8 @@ def hazard_of(
 ) -> Hazard:
     """Assess the hazard from the counts of a simulation.
 
-    The curves and levels are those of all cells, the zones those of hazard level, to which the
-    edits belong; ``confidence`` is that of the sampling interval.
+    Curves and levels are those of all cells, zones those of hazard level, to which the edits
+    belong; ``confidence`` is that of the sampling interval.
     """
     preset = rules.preset
     chances = level_chances(curves, level, preset, np.isfinite(grid.values), rules.in_part)
@@ -297,8 +290,8 @@ def assess(
 ) -> Assessment:
     """Assess hazard and risk from the counts of a simulation.
 
-    The energies are those of the hazard curves; ``without`` are the same sources without walls and
-    nets. ``by_source`` asks for zones of intensity of each single release area.
+    ``without`` are the same sources without walls and nets; ``by_source`` asks for zones of
+    intensity of each single release area.
     """
     both = [sampled] if without is None else [sampled, without]
     curves = [curves_of(own, energies_kj) for own in both]

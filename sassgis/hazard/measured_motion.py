@@ -60,10 +60,7 @@ def motion_warnings(
 ) -> list[str]:
     """Warn where maps exceed measurements on blocks as large as the largest of a run.
 
-    Parameters
-    ----------
-    maps : mapping of str to arrays of floats of any shape
-        95 % values in cells by name of a measured quantity; NaN where no block arrives.
+    ``maps`` are 95 % values in cells by name of a measured quantity; NaN where no block arrives.
     """
     known = measured_at(max(own.largest_volume_m3 for own in blocks))
     out: list[str] = []
@@ -88,8 +85,8 @@ def motion_warnings(
 def words_at_line(sampled: Sequence[Sampled], line: int) -> str:
     """State how far 95 % values at a station or barrier exceed measurements; else empty.
 
-    ``line`` is its position. The size is that of the mass of which 95 % are below, at the density
-    of a block of which nothing is said.
+    The size is that of the mass of which 95 % are below, at the density of a block of which nothing
+    is said.
     """
     curves = {name: arrivals(sampled, line, name) for name, _, _ in _COMPARED}
     mass = _q95(arrivals(sampled, line, "mass_kg"))

@@ -82,8 +82,8 @@ class RiskTable:
     def limits(self, quantity: str) -> tuple[FloatArray, FloatArray]:
         """Return limits of a 95 % interval of :meth:`of_object`, given the sample.
 
-        By sampling_error.gamma_interval, with the variance over the value as what one more of what
-        was drawn would add.
+        By count_error.gamma_interval, with the variance over the value as what one more of what was
+        drawn would add.
         """
         value = self.of_object(quantity)
         own = by_sample(self.variances[quantity], self.sources)
@@ -96,10 +96,7 @@ class RiskTable:
 
     @property
     def one_rock(self) -> FloatArray:
-        """Hits per year of one simulated block, shape (n_objects,).
-
-        Of the one that counts most of the sources that reach the object; 0 where none does.
-        """
+        """Hits per year of the simulated block that counts most at each object; 0 without hits."""
         rates = np.array([s.rate_of_a_rock for s in self.sources])[:, None]
         reached = np.where(self.values["hits"] > 0.0, rates, 0.0)
         return np.asarray(reached.max(axis=0, initial=0.0), np.float64)
@@ -116,11 +113,10 @@ def _samples(sources: Sequence[Source]) -> list[tuple[str, str]]:
 
 
 def by_sample(variance: FloatArray, sources: Sequence[Source]) -> FloatArray:
-    """Return variances of independent samples from those of sources.
+    """Return variances of independent samples from those of sources, shape (n_sources, n).
 
     Every source is a separate sample, but scenarios of an area with random release points start
-    from the same points: their standard errors add up at most. ``variance`` has the shape
-    (n_sources, n).
+    from the same points: their standard errors add up at most.
     """
     keys = _samples(sources)
     number = {key: i for i, key in enumerate(sorted(set(keys)))}
@@ -146,12 +142,12 @@ def vehicles_in_strip(
     vehicle_length_m: ArrayLike,
     block_width_m: ArrayLike,
 ) -> FloatArray:
-    """Return expected number of vehicles that a block crossing the road meets.
+    """Compute the expected number of vehicles that a block crossing the road meets.
 
     n = Q / (24 h/day) · (L + w) / (1000 m/km · v): vehicles per hour times the hours for which one
-    of them has a part of itself in a strip as wide as the block. The block is taken to cross in no
-    time, and what drives into it after it has come to rest is not counted. The traffic Q is that of
-    both directions. The mean number may exceed 1.
+    of them has a part of itself in a strip as wide as the block, which crosses in no time. What
+    drives into it after it has come to rest is not counted. The traffic Q is that of both
+    directions. The mean number may exceed 1.
     """
     length = np.asarray(vehicle_length_m, np.float64) + np.asarray(block_width_m, np.float64)
     hours = length / (_METRES_PER_KM * np.asarray(speed_kmh, np.float64))
@@ -280,16 +276,10 @@ def assess_risk(
     limits_kj: Sequence[float],
     vulnerability: Vulnerability,
 ) -> RiskTable:
-    """Return risk of each object from each source; the places of the counts are numbers of objects.
+    """Compute the risk of each object from each source; places of counts are numbers of objects.
 
-    Parameters
-    ----------
-    energies_kj : array_like, shape (n_energies,)
-        Energies of the columns of the counts, ascending from 0 (kJ).
-    limits_kj
-        Lower limits of the intensity classes (kJ), all of them among the energies.
-    vulnerability
-        Its intensities are the classes.
+    ``energies_kj`` are those of the columns of the counts, ``limits_kj`` the lower limits of the
+    intensity classes of the vulnerability table, all of them among the energies.
 
     Raises
     ------

@@ -41,14 +41,8 @@ def onset_frequencies(
     """Return blocks released per year, by release area and block scenario.
 
     ``onsets`` are by scenario; those of single sources from a table, if there is one, go before
-    them. The files are for messages.
-
-    Raises
-    ------
-    ConfigError
-        A scenario that is released somewhere has no frequency.
-    InputError
-        A unit does not go with the shape of an area.
+    them. Raises ConfigError for a scenario that is released somewhere without a frequency,
+    InputError for a unit that does not go with the shape of an area.
     """
     annual = {}
     for area in areas:

@@ -90,10 +90,7 @@ def _some_blocks(n: int, total: int) -> Phrase:
 
 
 def ground_shares(run: MapRun, cells: IntArray) -> list[tuple[GroundClass, float]]:
-    """Return ground classes of flat cells with their share.
-
-    All known cells count where none are given.
-    """
+    """Return ground classes of flat cells with their share; of all known cells without any."""
     known = np.isfinite(run.grid.values)
     of_cells = run.ground.ravel()[cells] if cells.size else run.ground[known]
     used, counts = np.unique(of_cells, return_counts=True)
@@ -222,7 +219,7 @@ def sample_words(changed_share: float) -> str:
 
 
 def edge_words(run: MapRun, progress: Progress, open_m: float) -> str:
-    """State in a sentence that blocks were lost at the edge of the terrain; empty without any.
+    """State that blocks were lost at the edge of the terrain; empty without any.
 
     ``open_m`` is the length over which zones go on there (m).
     """
