@@ -14,6 +14,8 @@ from sassgis.simulation.count_error import pooled_freedom
 
 #: From this many blocks on in both samples the difference is taken as normal.
 _MANY = 30.0
+#: Of the places that are found to differ, those that may be by chance.
+_FALSE_SHARE = 0.05
 
 
 class SampledRates(NamedTuple):
@@ -67,12 +69,10 @@ def _at_least(a: FloatArray, b: FloatArray, share: FloatArray) -> FloatArray:
     return out
 
 
-def beyond_sampling(
-    one: SampledRates, two: SampledRates, false_share: float = 0.05
-) -> NDArray[np.bool_]:
+def beyond_sampling(one: SampledRates, two: SampledRates) -> NDArray[np.bool_]:
     """Find places at which two samples differ by more than sampling explains, shape (n,).
 
-    Of the places that are found, a share of ``false_share`` at most is to be expected by chance;
+    Of the places that are found, a share of 5 % at most is to be expected by chance;
     between two samples of the same, there is any with this probability at most. This false
     discovery rate (Y. Benjamini and Y. Hochberg, 1995, Journal of the Royal Statistical Society B
     57: 289-300) also holds for places that depend on each other as neighbours do, which the same
@@ -82,5 +82,5 @@ def beyond_sampling(
     reached = np.nan_to_num(one.rate) + np.nan_to_num(two.rate) > 0.0
     found = np.zeros(p.shape, bool)
     if reached.any():
-        found[reached] = stats.false_discovery_control(p[reached]) <= false_share
+        found[reached] = stats.false_discovery_control(p[reached]) <= _FALSE_SHARE
     return found

@@ -63,9 +63,7 @@ def edge_sides(grid: Grid) -> tuple[IntArray, NDArray[np.object_]]:
     return cell[order], np.array(shapely.linestrings(np.concatenate(lines)[order]), np.object_)
 
 
-def beyond_edge(
-    grid: Grid, x: FloatArray, y: FloatArray, angle_deg: float = ANGLE_DEG
-) -> list[BeyondEdge]:
+def beyond_edge(grid: Grid, x: FloatArray, y: FloatArray) -> list[BeyondEdge]:
     """Find where energy lines from some starts leave the terrain, the farthest of each side.
 
     A line sinks at an angle from the ground at its start (Heim 1932: Fahrböschung) and ends where
@@ -79,7 +77,7 @@ def beyond_edge(
     starts = _chosen(grid, x, y)
     if not (starts.size and rows.size):
         return []
-    slope = math.tan(math.radians(angle_deg))
+    slope = math.tan(math.radians(ANGLE_DEG))
     there = np.stack(grid.cell_centres(rows * grid.shape[1] + cols), axis=1)
     ground = grid.values[rows, cols]
     found: dict[str, BeyondEdge] = {}

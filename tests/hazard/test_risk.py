@@ -109,10 +109,6 @@ def test_a_damage_length_takes_the_place_of_the_width():
     assert table.values["vehicles_hit"][0, 1] == close(4e-4)
 
 
-def test_what_one_simulated_rock_stands_for(example):
-    assert example.one_rock == close(np.array([5e-4, 5e-4]))
-
-
 def test_the_page_tells_the_numbers_of_the_example(example, repository):
     text = (repository / "docs" / "risk.md").read_text(encoding="utf-8")
     told = re.findall(r"<!-- (\w+) (\w+) -->\s*\**([\d.e−-]+)\**", text)
@@ -224,13 +220,6 @@ def test_totals_and_sources_are_the_exact_sums_of_their_rows(table):
             assert added == pytest.approx(totals[-1][f"{q}_per_year"], rel=1e-14)
 
 
-def test_a_source_more_leaves_the_others_as_they_are(example):
-    alone = assessed((HOUSE, ROAD), SOURCES[:1], COUNTS[:1])
-    for q in QUANTITIES:
-        assert (alone.values[q][0] == example.values[q][0]).all()
-        assert (alone.variances[q][0] == example.variances[q][0]).all()
-
-
 def test_one_user_passes_all_stretches_of_a_road():
     second = replace(ROAD, name="road 0+050–0+100", from_m=50.0)
     both = assessed((ROAD, second), SOURCES[:1], [counts([0, 1], [[40, 10, 0], [40, 10, 0]])])
@@ -241,15 +230,6 @@ def test_one_user_passes_all_stretches_of_a_road():
     both = assessed(houses, SOURCES[:1], [counts([0, 1], [[20, 8, 2], [20, 8, 2]])])
     # Nobody lives in two houses.
     assert total_rows(both)[-1]["individual_risk_largest_per_year"] == close(1.15e-4)
-
-
-def test_the_length_of_the_stretches_does_not_change_the_loss_of_a_road():
-    # The same hits, spread over one stretch of 50 m or over two of 25 m.
-    one = assessed((ROAD,), SOURCES[:1], [counts([0], [[40, 10, 4]])])
-    halves = tuple(replace(ROAD, name=f"half {i}", length_m=25.0) for i in (1, 2))
-    two = assessed(halves, SOURCES[:1], [counts([0, 1], [[25, 6, 1], [15, 4, 3]])])
-    for q in ADDITIVE:
-        assert two.of_object(q).sum() == close(one.of_object(q)[0])
 
 
 # --- what cannot be ---------------------------------------------------------------------------

@@ -75,7 +75,7 @@ def test_a_largest_volume_that_is_far_away_changes_nothing() -> None:
 @pytest.mark.parametrize("up_to", [math.inf, 20.0])
 @pytest.mark.parametrize("survey", [listed, counted])
 def test_intervals_hold_the_truth_as_often_as_they_say(survey, up_to: float) -> None:
-    mean, low, high, n = 40, 1.0, 5.0, 200
+    mean, low, high, n = 40, 1.0, 5.0, 100
     counts = poisson.rvs(mean, size=n, random_state=5)
     exponent = frequency = 0
     for seed, count in enumerate(counts):
@@ -84,9 +84,8 @@ def test_intervals_hold_the_truth_as_often_as_they_say(survey, up_to: float) -> 
         found = law.frequency(low, high, float(count), True)
         truth = mean * float(law.share(low, high, B))
         frequency += found.lower <= truth <= found.upper
-    # Binomial with 95 %: outside 0.90 to 0.99 once in some thousand.
-    assert 0.90 * n <= exponent <= 0.99 * n
-    assert 0.90 * n <= frequency <= 0.99 * n
+    # Binomial with 95 %: below 0.88 once in some hundred.
+    assert 0.88 * n <= exponent < n and 0.88 * n <= frequency < n
 
 
 def test_share_is_that_of_many_draws() -> None:
@@ -112,9 +111,9 @@ def test_rate_that_is_stated_has_no_error_of_its_own() -> None:
 
 
 def test_p_tells_a_power_law_from_another() -> None:
-    # Of ten samples of the law few have a p below 0.1 (expected: one).
-    low = [fit_test(fit_power_law(listed(drawn(60, 20 + k)), V0))[1] < 0.1 for k in range(10)]
-    assert sum(low) <= 4
+    # Of four samples of the law few have a p below 0.1.
+    low = [fit_test(fit_power_law(listed(drawn(60, 20 + k)), V0))[1] < 0.1 for k in range(4)]
+    assert sum(low) <= 1
     other = np.exp(np.random.default_rng(9).normal(-1.5, 0.5, 200))
     assert fit_test(fit_power_law(listed(other[other > V0]), V0))[1] < 0.02
     assert fit_test(fit_power_law(counted(other[other > V0]), V0))[1] < 0.02
