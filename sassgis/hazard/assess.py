@@ -33,25 +33,21 @@ from sassgis.terrain.edge import edge_sides
 
 @dataclass(frozen=True, slots=True)
 class ZoneFacts:
-    """Facts about each zone of hazard level."""
+    """Facts about each zone of hazard level, shape (n_zones,) each."""
 
-    area_m2: np.ndarray  # shape (n_zones,)
-    # Shape (n_zones,); cells that blocks reach; the others were raised when the zone was drawn.
-    cells: IntArray
-    # Shape (n_zones,); share of those cells whose level another sample of blocks might change; NaN
-    # without any.
-    uncertain: np.ndarray
-    # Shape (n_zones,); mean distance between the outer limit and that of another sample of as many
-    # blocks (m).
-    moves_m: np.ndarray
-    # LineString or MultiLineString, shape (n_zones,); where it ends at the edge of the known
-    # terrain, beyond which it goes on; may be empty.
-    open_limit: np.ndarray
+    area_m2: FloatArray
+    cells: IntArray  # that blocks reach; the others were raised when the zone was drawn
+    # Share of those cells whose level another sample of blocks might change; NaN without any.
+    uncertain: FloatArray
+    # Mean distance (m) between the outer limit and that of another sample of as many blocks.
+    moves_m: FloatArray
+    # Lines where it ends at the edge of the known terrain, beyond which it goes on; may be empty.
+    open_limit: NDArray[np.object_]
     # Shape (n_zones, n_sources); of each source in the rate that makes the level; NaN in zones
     # without a reached cell.
-    shares: np.ndarray
-    governing: IntArray  # shape (n_zones,); source with the largest share; -1 for none
-    edit: IntArray  # shape (n_zones,); the edit that set the level; -1 for none
+    shares: FloatArray
+    governing: IntArray  # source with the largest share; -1 for none
+    edit: IntArray  # the edit that set the level; -1 for none
 
     @property
     def open_m(self) -> FloatArray:
@@ -220,7 +216,7 @@ class Rules:
     ref_width_m: float  # reference width of all frequencies (m): one cell or more
     notices: tuple[str, ...]  # what the readers had to say
     edits: tuple[Edit, ...] = ()  # of the zones with the walls and nets there are
-    in_part: bool = False  # whether maps are made part by part: another_sample.level_chances
+    in_part: bool = False  # whether maps are made part by part: sampling_error.level_chances
 
 
 @dataclass(frozen=True, slots=True)

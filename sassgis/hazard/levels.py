@@ -19,7 +19,7 @@ from sassgis.settings.hazard_rules import HazardCurves, HazardPreset
 _TRUNCATED = 2.5
 
 
-class Window(NamedTuple):
+class CellWindow(NamedTuple):
     """A part of a grid around some cells."""
 
     rows: slice
@@ -109,7 +109,7 @@ def limits_of_levels(preset: HazardPreset) -> FloatArray:
     )
 
 
-def window_of(cells: IntArray, shape: tuple[int, int], margin: int = 0) -> Window:
+def window_of(cells: IntArray, shape: tuple[int, int], margin: int = 0) -> CellWindow:
     """Return the rows and columns of a grid around some cells, and the cells' indices there."""
     row, col = np.divmod(cells if cells.size else np.zeros(1, np.int64), shape[1])
 
@@ -118,7 +118,7 @@ def window_of(cells: IntArray, shape: tuple[int, int], margin: int = 0) -> Windo
 
     rows, cols = around(row, shape[0]), around(col, shape[1])
     flat = (row - rows.start) * (cols.stop - cols.start) + col - cols.start
-    return Window(rows, cols, flat[: cells.size])
+    return CellWindow(rows, cols, flat[: cells.size])
 
 
 def cells_within_limit(

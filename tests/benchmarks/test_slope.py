@@ -58,18 +58,6 @@ def test_ground_covers_the_slope_without_overlap(plain: Path) -> None:
     assert ground.union_all().area == pytest.approx(slope.WIDTH * slope.HEIGHT)
 
 
-def test_the_rough_slope_is_rough_where_it_should_be() -> None:
-    x, y = np.meshgrid(
-        slope.WEST + np.arange(1.0, 1200.0, 2.0), slope.SOUTH + np.arange(1.0, 600, 2)
-    )
-    relief = slope.heights(x, y, rough=True) - slope.heights(x, y, rough=False)
-    down = x - slope.WEST
-    talus = relief[(down > 170) & (down < 480)].std()
-    flat = relief[down > 750].std()
-    assert 0.2 < talus < 0.6
-    assert flat < 0.15
-
-
 def test_saga_is_named_when_it_is_absent(plain: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(saga, "PROGRAM", "no_such_program")
     result = saga.measure(plain, repeats=1)

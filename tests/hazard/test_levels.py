@@ -76,13 +76,6 @@ rate = st.one_of(
 falling = st.lists(rate, min_size=3, max_size=3).map(lambda r: sorted(r, reverse=True))
 
 
-@given(falling, falling)
-def test_level_does_not_fall_as_rates_rise(a: list[float], b: list[float]) -> None:
-    high = np.maximum(a, b)
-    levels = hazard_level(curves_of([a, high]), PRESET)
-    assert levels[0] <= levels[1]
-
-
 @given(falling, st.floats(1.0, 1e4), st.floats(1.0, 100.0))
 def test_rarer_events_are_at_least_as_intense(r: list[float], years: float, by: float) -> None:
     curves = curves_of([r])

@@ -58,14 +58,6 @@ def test_a_table_with_counts_is_the_list_of_its_blocks() -> None:
     assert one.value == pytest.approx(every.value) and one.upper == pytest.approx(every.upper)
 
 
-def test_classes_as_narrow_as_wanted_are_the_list() -> None:
-    v = drawn(100, 3)
-    narrow = BlockSurvey(v, v * (1 + 1e-6), np.ones(v.size))
-    assert fit_power_law(narrow, V0).exponent.value == pytest.approx(
-        fit_power_law(listed(v), V0).exponent.value, rel=1e-4
-    )
-
-
 def test_a_largest_volume_that_is_far_away_changes_nothing() -> None:
     v = drawn(100, 4)
     far = fit_power_law(listed(v), V0, 1e30).exponent.value

@@ -15,7 +15,7 @@ from scipy import ndimage
 
 from sassgis.errors import ConfigError, InputError
 from sassgis.grid import Grid
-from sassgis.hazard.zoning import drawing, seams
+from sassgis.hazard.zoning import seams
 from sassgis.hazard.zoning.cell_outlines import cell_polygons
 from sassgis.hazard.zoning.coverage import Coverage
 from sassgis.hazard.zoning.drawing import drawn_zones, reach_cells
@@ -477,34 +477,3 @@ def test_a_large_place_is_drawn_in_parts_as_it_is_at_once(
         assert sum(apart) <= 0.02 * sum(above(whole, k).area for k in range(1, 4))
     for k in range(1, 4):
         assert above(in_parts[0], k).difference(above(in_parts[1], k)).area < 1e-6
-
-
-@pytest.mark.parametrize(("kind", "known_share"), [("salt", 1.0), ("random", 0.9)])
-def test_cells_are_raised_only_where_zones_are_drawn_of_that_class_anyway(
-    kind: str, known_share: float
-) -> None:
-    classes = raster(kind, (40, 35), 3)
-    known = raster("smooth", classes.shape, 4) < 3 if known_share < 1.0 else classes >= 0
-    grid = grid_of(classes)
-    rules = Drawing(
-        width_m=3.0, area_m2=60.0, gap_m=9.0, envelope_m=21.0, smoothing_m=0.0, tolerance_m=1.0,
-        scale=2000.0,
-    )  # fmt: skip
-    before = []
-    raised = drawing._raised
-
-    def noted(place: Any, gaps: Any, smallest_m2: float) -> Any:
-        before.append((place, raised(place, gaps, smallest_m2)))
-        return place.maps[0]
-
-    with mock.patch.object(drawing, "_raised", noted):
-        (zones,) = drawn_zones([classes], grid, rules, known, [True])
-    more = 0
-    for place, found in before:
-        own = place.maps[0]
-        for k in range(1, found.max() + 1):
-            area = shapely.buffer(above(zones, k), 0.05)
-            added = cells_of((found >= k) & (own < k), place.grid)
-            more += int(((found >= k) & (own < k)).sum())
-            assert shapely.difference(added, area).area < 1e-6
-    assert more > 20

@@ -16,11 +16,6 @@ import pandas as pd
 import pytest
 import rasterio
 import shapely
-from helpers.samples import copy_sample
-
-from sassgis.inputs.config import load_config
-from sassgis.runs.inputs import profile_from_csv
-from sassgis.runs.profile_run import simulate_profile
 
 PIPELINES = Path(__file__).resolve().parents[2] / "pipelines"
 NAMES = sorted(p.stem for p in PIPELINES.glob("*.py"))
@@ -158,20 +153,6 @@ def test_the_measures_keep_the_rocks_off_the_road(bedrina: Path) -> None:
     assert hits.loc["before", "rocks"] == hits.loc["after", "rocks"] == 100
     assert hits.loc["before", "share"] >= 0.95
     assert hits.loc["after", "share"] <= 0.05
-
-
-def test_shares_within_the_ranges_are_told_as_they_are(bedrina: Path, tmp_path: Path) -> None:
-    ranges = pd.read_csv(bedrina / "ranges.csv")
-    config = load_config(copy_sample("bedrina", tmp_path).parent / "config_before.toml")
-    result = simulate_profile(config, profile_from_csv(config))
-    names = [g.name for g, _ in result.profile.control_lines]
-    assert len(ranges) == 6
-    for row in ranges.itertuples():
-        values = result.passages[result.passages["control_line"] == names.index(row.station)][
-            row.quantity
-        ]
-        assert row.rocks == values.size == 100
-        assert row.share_within == np.mean((values >= row.low) & (values <= row.high))
 
 
 def test_most_rocks_lie_within_the_ranges_of_the_paper(bedrina: Path, repository: Path) -> None:

@@ -294,17 +294,3 @@ def test_an_edge_is_felt_as_far_as_the_page_says() -> None:
     apart = [np.hypot(own.x[:20] - whole.x[:20], own.y[:20] - whole.y[:20]).max()
              for own in (near, nearer)]  # fmt: skip
     assert 0.0 < apart[0] < 1e-6 and apart[1] > 1e-3
-
-
-def test_a_line_keeps_out_of_a_river_along_a_flat_floor() -> None:
-    """It comes to the river at a slant and crosses it without turning into its bed."""
-    grid = grid_of(lambda x, y: valley(x, y - 0.5 * x), 200, 240)
-    mx, my = middle(grid)
-    settings = TerrainSettings(smoothing_m=4.0)
-    traces = run(grid, mx - 40.0, my + 140.0, settings)
-    x, y, _ = line(traces)
-    beyond = (y - my) - 0.5 * (x - mx) < -75.0
-    assert beyond.any()
-    floor = (y - my) - 0.5 * (x - mx) < -10.0
-    turn = np.degrees(headings(traces))
-    assert np.ptp(turn[floor[1:] & ~beyond[1:]]) < 15.0
