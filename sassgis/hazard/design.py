@@ -125,16 +125,3 @@ def net_class(energy_kj: float) -> str:
     if np.isnan(energy_kj):
         return ""
     return next(name for name, most in net_classes() if energy_kj <= most)
-
-
-def sphere_diameter_m(mass_kg: float, density_kgm3: float) -> float:
-    """Return the diameter of a sphere of a mass (m)."""
-    return float(np.cbrt(6.0 * mass_kg / (np.pi * density_kgm3)))
-
-
-def passing_rate(behind: Arrivals) -> float:
-    """Compute the rate (1/year) of blocks behind a line by the curve of control_lines.BEHIND.
-
-    Blocks that a barrier takes lie in the first bin.
-    """
-    return float(behind.rate[1])

@@ -52,12 +52,6 @@ def test_there_are_3000_release_points_and_each_is_a_cell_centre(plain: Path) ->
     assert slope.borders()[1] < down.min() and down.max() < slope.borders()[2]
 
 
-def test_ground_covers_the_slope_without_overlap(plain: Path) -> None:
-    ground = gpd.read_file(plain / "ground.gpkg")
-    assert ground.area.sum() == pytest.approx(slope.WIDTH * slope.HEIGHT)
-    assert ground.union_all().area == pytest.approx(slope.WIDTH * slope.HEIGHT)
-
-
 def test_saga_is_named_when_it_is_absent(plain: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(saga, "PROGRAM", "no_such_program")
     result = saga.measure(plain, repeats=1)
