@@ -64,10 +64,9 @@ def test_a_largest_volume_that_is_far_away_changes_nothing() -> None:
     assert far == pytest.approx(fit_power_law(listed(v), V0).exponent.value, rel=1e-6)
 
 
-@pytest.mark.parametrize("up_to", [math.inf, 20.0])
-@pytest.mark.parametrize("survey", [listed, counted])
+@pytest.mark.parametrize(("survey", "up_to"), [(listed, math.inf), (counted, 20.0)])
 def test_intervals_hold_the_truth_as_often_as_they_say(survey, up_to: float) -> None:
-    mean, low, high, n = 40, 1.0, 5.0, 100
+    mean, low, high, n = 40, 1.0, 5.0, 200
     counts = poisson.rvs(mean, size=n, random_state=5)
     exponent = frequency = 0
     for seed, count in enumerate(counts):
@@ -76,8 +75,9 @@ def test_intervals_hold_the_truth_as_often_as_they_say(survey, up_to: float) -> 
         found = law.frequency(low, high, float(count), True)
         truth = mean * float(law.share(low, high, B))
         frequency += found.lower <= truth <= found.upper
-    # Binomial with 95 %: below 0.88 once in some hundred.
-    assert 0.88 * n <= exponent < n and 0.88 * n <= frequency < n
+    # Binomial with 95 %: outside 0.90 to 0.99 once in some thousand.
+    assert 0.90 * n <= exponent <= 0.99 * n
+    assert 0.90 * n <= frequency <= 0.99 * n
 
 
 def test_share_is_that_of_many_draws() -> None:

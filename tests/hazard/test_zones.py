@@ -456,7 +456,7 @@ def test_what_cannot_be_drawn_is_refused() -> None:
             ZoningSettings(**wrong)
 
 
-@pytest.mark.parametrize(("kind", "shape"), [("streaks", (5, 30)), ("smooth", (22, 24))])
+@pytest.mark.parametrize(("kind", "shape"), [("streaks", (5, 40)), ("smooth", (37, 20))])
 def test_a_large_place_is_drawn_in_parts_as_it_is_at_once(
     kind: str, shape: tuple[int, int]
 ) -> None:
