@@ -66,11 +66,7 @@ def points_along(
     width = np.minimum(of_point / np.where(straight, length, 1.0), spacing_m)
     across = np.column_stack([along[:, 1], -along[:, 0]])
     across *= (width / np.where(straight, length, 1.0))[:, None]
-    sides = np.where(
-        straight[:, None, None],
-        np.stack([along, across], axis=1),
-        square(spacing_m),
-    )
+    sides = np.where(straight[:, None, None], np.stack([along, across], axis=1), square(spacing_m))
     return place, sides
 
 

@@ -293,8 +293,7 @@ FAULTS = {
 
 
 @pytest.mark.parametrize(
-    "fault",
-    [f if f == "full disk" else pytest.param(f, marks=pytest.mark.battery) for f in FAULTS],
+    "fault", [f if f == "full disk" else pytest.param(f, marks=pytest.mark.battery) for f in FAULTS]
 )
 def test_a_batch_keeps_what_was_done_before_a_fault(
     site: Path, disk: Path, call, printed, fault: str, monkeypatch: pytest.MonkeyPatch

@@ -20,12 +20,7 @@ from shapely.affinity import rotate, translate
 
 from sassgis.errors import InputError
 from sassgis.grid import Grid
-from sassgis.inputs.objects import (
-    chainage,
-    joined_objects,
-    object_cells,
-    read_vulnerability,
-)
+from sassgis.inputs.objects import chainage, joined_objects, object_cells, read_vulnerability
 from sassgis.settings.exposure import PlacedObjects, Traffic, Vulnerability
 
 TRAFFIC = {

@@ -19,8 +19,7 @@ from sassgis.settings.hazard_rules import SourceCounts
 
 PLAYGROUND = ExposedObject("playground", "people", persons=10.0, presence=0.1)
 PLACED = PlacedObjects(
-    (HOUSE, ROAD, PLAYGROUND),
-    (box(0, 0, 10, 10), LineString([(0, -20), (50, -20)]), Point(5, 30)),
+    (HOUSE, ROAD, PLAYGROUND), (box(0, 0, 10, 10), LineString([(0, -20), (50, -20)]), Point(5, 30))
 )
 
 

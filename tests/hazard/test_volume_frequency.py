@@ -10,12 +10,7 @@ import pytest
 from scipy.stats import chi2, poisson
 
 from sassgis.errors import InputError
-from sassgis.hazard.volume_frequency import (
-    BlockSurvey,
-    fit_power_law,
-    fit_test,
-    higher_thresholds,
-)
+from sassgis.hazard.volume_frequency import BlockSurvey, fit_power_law, fit_test, higher_thresholds
 
 V0, B = 0.05, 0.8
 EDGES = np.array([V0, 0.1, 0.2, 0.5, 1.0, 2.0, 5.0, math.inf])

@@ -13,12 +13,7 @@ from sassgis.grid import FloatArray, Grid
 from sassgis.settings.profiles import ProfileSet, TraceSet
 from sassgis.settings.settings import TerrainSettings
 from sassgis.terrain.fall_lines import fall_line_surface, trace
-from sassgis.terrain.flatten import (
-    chainage_to_xy,
-    crossings,
-    profiles,
-    xy_to_chainage,
-)
+from sassgis.terrain.flatten import chainage_to_xy, crossings, profiles, xy_to_chainage
 
 pytestmark = pytest.mark.kernels
 

@@ -11,13 +11,7 @@ import shapely.affinity
 from sassgis.errors import InputError
 from sassgis.settings.profiles import ReleasePoints
 from sassgis.settings.settings import ReleaseSettings
-from sassgis.terrain.release import (
-    MAX_POINTS,
-    point_keys,
-    points_expected,
-    release_points,
-    take,
-)
+from sassgis.terrain.release import MAX_POINTS, point_keys, points_expected, release_points, take
 
 pytestmark = pytest.mark.kernels
 
@@ -55,10 +49,7 @@ def test_keys_are_distinct_and_fixed() -> None:
     assert np.unique(keys).size == keys.size
     assert np.array_equal(point_keys("a", 10), point_keys("a", 100)[:10])
     # Written down once: a change would change every result that users have on file.
-    assert [int(k) for k in point_keys("cliff", 2)] == [
-        4207823814202407420,
-        4647717136730258016,
-    ]
+    assert [int(k) for k in point_keys("cliff", 2)] == [4207823814202407420, 4647717136730258016]
 
 
 def test_random_placement_is_uniform_and_depends_on_seed_and_name() -> None:
