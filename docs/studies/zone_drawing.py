@@ -106,8 +106,9 @@ def main() -> None:
     shown = []
     for name in SITES:
         curves, grid = read_sample(given.output / f"{name}_1.npz")
-        chances = level_chances(curves, PRESET, np.isfinite(grid.values))
-        levels = raster(grid, curves.places, hazard_level(curves, PRESET))
+        level = hazard_level(curves, PRESET)
+        chances = level_chances(curves, level, PRESET, np.isfinite(grid.values))
+        levels = raster(grid, curves.places, level)
         stages = [
             drawn_zones([levels], grid, Drawing())[0],
             *(zones_at(curves, grid, PRESET, s) for s in SCALES),

@@ -26,7 +26,7 @@ from sassgis.hazard.attribution import zone_of_cells
 from sassgis.hazard.curves import at_energies
 from sassgis.hazard.levels import hazard_level
 from sassgis.hazard.sampling_error import level_chances
-from sassgis.hazard.significance import beyond_sampling
+from sassgis.hazard.significance import SampledRates, beyond_sampling
 from sassgis.hazard.sources import sampled_sources
 from sassgis.hazard.zoning.coverage import Coverage
 from sassgis.inputs.config import load_config
@@ -123,7 +123,7 @@ def zones_at(
 ) -> Coverage:
     """Zones of hazard level as they are drawn at a scale."""
     drawing = ZoningSettings(scale).drawing(preset.sheet, REF_WIDTH_M, 0.0, grid.cell_size)
-    (zones,) = level_zones([curves], preset, grid, drawing)
+    (zones,) = level_zones([curves], [hazard_level(curves, preset)], preset, grid, drawing)
     return zones
 
 
@@ -144,7 +144,8 @@ def found_by_compare(one: HazardCurves, other: HazardCurves) -> bool:
         rates[k, rows], variances[k, rows] = own.rate[:, 0], own.variance[:, 0]
         of_a_block[k, rows] = own.rate_of_a_rock
     of_a_block = np.where(of_a_block > 0.0, of_a_block, of_a_block[::-1])
-    return bool(beyond_sampling(tuple(rates), tuple(variances), tuple(of_a_block)).any())
+    samples = map(SampledRates, rates, variances, of_a_block)
+    return bool(beyond_sampling(*samples).any())
 
 
 def row_of(samples: Sequence[HazardCurves], grid: Grid, preset: HazardPreset) -> dict[str, float]:
@@ -156,7 +157,8 @@ def row_of(samples: Sequence[HazardCurves], grid: Grid, preset: HazardPreset) ->
     for k, own in enumerate(samples):
         other = (k + 1) % len(samples)
         unsure = np.zeros(n, bool)
-        chances = level_chances(own, preset, np.isfinite(grid.values))
+        level = hazard_level(own, preset)
+        chances = level_chances(own, level, preset, np.isfinite(grid.values))
         unsure[chances.places] = chances.uncertain(0.95)
         changed = levels[k] != levels[other]
         zoned = (levels[k] > 0).sum()

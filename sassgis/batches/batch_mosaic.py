@@ -28,6 +28,7 @@ from sassgis.files.atomic_output import MANIFEST_NAME, staged_output, write_json
 from sassgis.files.vector_layer import VectorLayer
 from sassgis.grid import Grid
 from sassgis.hazard.assess import Assessment, assess, curves_of, risk_of
+from sassgis.hazard.levels import hazard_level
 from sassgis.hazard.risk import RiskTable
 from sassgis.hazard.sampling_error import level_chances
 from sassgis.hazard.sources import Sampled, sampled_sources
@@ -438,7 +439,8 @@ def _maps_of(mosaic: Mosaic, block: tuple[Part, Sequence[Reached]]) -> Maps:
     of_hazard: tuple[RasterLayer, ...] = ()
     of_blocks: tuple[RasterLayer, ...] = ()
     if curves.places.size:
-        chances = level_chances(curves, rules.preset, in_part=True)
+        level = hazard_level(curves, rules.preset)
+        chances = level_chances(curves, level, rules.preset, in_part=True)
         of_hazard = hazard_maps(rules, curves, chances, grid, config.hazard.confidence)
     if total.sums.cells.size:
         of_blocks = block_maps(config, grid, total.sums, mosaic.sample, mosaic.bins)

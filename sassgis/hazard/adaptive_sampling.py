@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from sassgis.errors import ConfigError
 from sassgis.grid import FloatArray
 from sassgis.hazard.assess import Rules, curves_of
+from sassgis.hazard.levels import hazard_level
 from sassgis.hazard.sampling_error import level_chances, worth_of_places
 from sassgis.hazard.sources import sampled_sources
 from sassgis.settings.hazard_rules import BlockBudget
@@ -46,7 +47,8 @@ class MoreBlocks:
         sampled = sampled_sources(run, progress, self.rules.frequencies)
         curves = curves_of(sampled, bins_of(run).threshold)
         known = np.isfinite(run.grid.values)
-        share = level_chances(curves, self.rules.preset, known).changed_share
+        level = hazard_level(curves, self.rules.preset)
+        share = level_chances(curves, level, self.rules.preset, known).changed_share
         # A state that was saved after the last repetition is asked once more.
         if not progress.history or progress.history[-1][0] < progress.simulated:
             progress.history.append((progress.simulated, share))
@@ -100,21 +102,12 @@ class MoreBlocks:
 
 
 def halvings_of(left_open: FloatArray | None, planned: Plan) -> NDArray[np.uint8] | None:
-    """Count how often each point's blocks are halved so that all of them cost the least.
+    """Count how often each point's blocks are halved, so that all of them cost the least.
 
     Neyman (1934): where a stratum adds v/n to the variance, n proportional to the root of v gives
     the least variance of all samples of one size; here to the nearest power of 2, within an eighth
-    of the most.
-
-    Parameters
-    ----------
-    left_open : float64, shape (n_points, n_scenarios), or None
-        v of each stratum.
-
-    Returns
-    -------
-    uint8, shape (n_points, n_scenarios), or None
-        None where all have as many.
+    of the most. ``left_open`` is v of each stratum, shape (n_points, n_scenarios), as the result;
+    None where all have as many.
     """
     if left_open is None or not (left_open > 0.0).any():
         return None
@@ -161,10 +154,7 @@ def round_within(
 
 
 def check_budget(config: Config, run: MapRun, blocks: int) -> None:
-    """Raise ConfigError for a budget that nothing can be done with.
-
-    ``blocks`` are those of one repetition at each release point.
-    """
+    """Raise ConfigError for a budget smaller than one repetition (``blocks``), or of no use."""
     budget, release = config.hazard.budget, run.release
     if budget is None:
         return

@@ -8,11 +8,18 @@ from itertools import pairwise
 
 import numpy as np
 import shapely
+from numpy.typing import NDArray
 
 from sassgis.grid import BoolArray, ClassMap, FloatArray, Grid, IntArray
 from sassgis.hazard.attribution import attribution, governing, zone_of_cells
 from sassgis.hazard.curves import at_energies, hazard_curves
-from sassgis.hazard.levels import cells_within_limit, deciding_energy, hazard_level, intensity_class
+from sassgis.hazard.levels import (
+    cells_within_limit,
+    deciding_energy,
+    hazard_level,
+    intensity_class,
+    window_of,
+)
 from sassgis.hazard.risk import RiskTable, assess_risk
 from sassgis.hazard.sampling_error import LevelChances, level_chances
 from sassgis.hazard.sources import Sampled
@@ -26,25 +33,21 @@ from sassgis.terrain.edge import edge_sides
 
 @dataclass(frozen=True, slots=True)
 class ZoneFacts:
-    """Facts about each zone of hazard level."""
+    """Facts about each zone of hazard level, shape (n_zones,) each."""
 
-    area_m2: np.ndarray  # shape (n_zones,)
-    # Shape (n_zones,); cells that blocks reach; the others were raised when the zone was drawn.
-    cells: IntArray
-    # Shape (n_zones,); share of those cells whose level another sample of blocks might change; NaN
-    # without any.
-    uncertain: np.ndarray
-    # Shape (n_zones,); mean distance between the outer limit and that of another sample of as many
-    # blocks (m).
-    moves_m: np.ndarray
-    # LineString or MultiLineString, shape (n_zones,); where it ends at the edge of the known
-    # terrain, beyond which it goes on; may be empty.
-    open_limit: np.ndarray
+    area_m2: FloatArray
+    cells: IntArray  # that blocks reach; the others were raised when the zone was drawn
+    # Share of those cells whose level another sample of blocks might change; NaN without any.
+    uncertain: FloatArray
+    # Mean distance (m) between the outer limit and that of another sample of as many blocks.
+    moves_m: FloatArray
+    # Lines where it ends at the edge of the known terrain, beyond which it goes on; may be empty.
+    open_limit: NDArray[np.object_]
     # Shape (n_zones, n_sources); of each source in the rate that makes the level; NaN in zones
     # without a reached cell.
-    shares: np.ndarray
-    governing: IntArray  # shape (n_zones,); source with the largest share; -1 for none
-    edit: IntArray  # shape (n_zones,); the edit that set the level; -1 for none
+    shares: FloatArray
+    governing: IntArray  # source with the largest share; -1 for none
+    edit: IntArray  # the edit that set the level; -1 for none
 
     @property
     def open_m(self) -> FloatArray:
@@ -53,12 +56,8 @@ class ZoneFacts:
         return length
 
 
-@dataclass(frozen=True, slots=True)
-class IntensityMap:
-    """Zones of intensity at one return period; ``years`` is None for the extreme event."""
-
-    years: float | None
-    zones: Coverage
+#: Zones of intensity by return period (years), from frequent to rare; None is the extreme event.
+Intensities = dict[float | None, Coverage]
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,8 +69,7 @@ class Hazard:
     computed: Coverage  # zones of hazard level; class k is the preset's level k - 1
     levels: Coverage  # the same with the edits of experts
     facts: ZoneFacts  # of the zones of ``levels``
-    # From frequent to rare; class k is the preset's intensity k - 1.
-    intensities: tuple[IntensityMap, ...]
+    intensities: Intensities  # class k is the preset's intensity k - 1
     chances: LevelChances  # what another sample of blocks would make of the level of cells
     uncertain: BoolArray  # shape (n,); whether it might change the level of a cell of ``chances``
     edits: tuple[AppliedEdit, ...]
@@ -102,8 +100,8 @@ def curves_of(sampled: Sequence[Sampled], energies_kj: np.ndarray) -> HazardCurv
 
 def intensity_maps(
     curves: HazardCurves, preset: HazardPreset, grid: Grid, rules: Drawing
-) -> tuple[IntensityMap, ...]:
-    """Return zones of intensity for the preset's return periods and the extreme event.
+) -> Intensities:
+    """Draw zones of intensity for the preset's return periods and the extreme event.
 
     The zones of a rarer event contain those of a more frequent one. The extreme event has the outer
     limit of the hazard levels.
@@ -114,7 +112,7 @@ def intensity_maps(
     classes[-1] = np.maximum(classes[-1], cells_within_limit(few, preset, grid, rules.smoothing_m))
     maps = [(few.places, c) for c in classes]
     envelopes = [t is None for t in years]
-    return tuple(map(IntensityMap, years, _nested_zones(maps, grid, rules, envelopes)))
+    return dict(zip(years, _nested_zones(maps, grid, rules, envelopes), strict=True))
 
 
 def _nested_zones(
@@ -127,41 +125,29 @@ def _nested_zones(
     # Maps of the same curves name the same cells, which are ascending already.
     named = list({id(cells): cells for cells, _ in maps}.values())
     reached = named[0] if len(named) == 1 else np.unique(np.concatenate(named))
-    own, cells = around(grid, reached, reach_cells(rules, grid.cell_size))
-    rasters = [raster(own, cells[np.searchsorted(reached, c)], k) for c, k in maps]
+    window = window_of(reached, grid.shape, reach_cells(rules, grid.cell_size))
+    own = grid.part(window.rows, window.cols)
+    rasters = [raster(own, window.cells[np.searchsorted(reached, c)], k) for c, k in maps]
     return drawn_zones(rasters, own, rules, np.isfinite(own.values), envelopes)
 
 
-def around(grid: Grid, cells: IntArray, beside: int) -> tuple[Grid, IntArray]:
-    """Return part of a grid around some cells, with so many cells next to them, and they on it."""
-    n_rows, n_cols = grid.shape
-    row, col = np.divmod(cells, n_cols)
-    if not cells.size:
-        row = col = np.zeros(1, np.int64)
-    top, left = max(int(row.min()) - beside, 0), max(int(col.min()) - beside, 0)
-    bottom = min(int(row.max()) + beside + 1, n_rows)
-    right = min(int(col.max()) + beside + 1, n_cols)
-    own = grid.part(slice(top, bottom), slice(left, right))
-    flat = (row - top) * (right - left) + (col - left)
-    return own, flat[: cells.size]
-
-
 def level_zones(
-    curves: Sequence[HazardCurves], preset: HazardPreset, grid: Grid, rules: Drawing
+    curves: Sequence[HazardCurves],
+    levels: Sequence[NDArray[np.int16]],
+    preset: HazardPreset,
+    grid: Grid,
+    rules: Drawing,
 ) -> list[Coverage]:
-    """Return zones of hazard level of several simulations, as with and without barriers.
+    """Draw zones of hazard level of several simulations, as with and without barriers.
+
+    ``levels`` are those of the places of the curves.
 
     Where no cell of a map is above that of the next, the zones of the first lie within those of the
     next: drawn each for itself, smoothing by itself would make zones higher here and lower there.
     """
     maps = [
-        (
-            c.places,
-            np.maximum(
-                hazard_level(c, preset), cells_within_limit(c, preset, grid, rules.smoothing_m)
-            ),
-        )
-        for c in curves
+        (c.places, np.maximum(level, cells_within_limit(c, preset, grid, rules.smoothing_m)))
+        for c, level in zip(curves, levels, strict=True)
     ]
     whole = (raster(grid, *own) for own in maps)
     nested = all((one <= other).all() for one, other in pairwise(whole))
@@ -182,7 +168,7 @@ def zone_facts(
     lowered: FloatArray,
     edit: IntArray,
 ) -> ZoneFacts:
-    """Return the attribution and confidence of zones of hazard level.
+    """Compute the attribution and confidence of zones of hazard level.
 
     Of the cells of the curves, ``unsure`` are those whose level is, and ``lowered`` is the
     probability that another sample lowers it. What an edit has set no sample of blocks changes.
@@ -230,7 +216,7 @@ class Rules:
     ref_width_m: float  # reference width of all frequencies (m): one cell or more
     notices: tuple[str, ...]  # what the readers had to say
     edits: tuple[Edit, ...] = ()  # of the zones with the walls and nets there are
-    in_part: bool = False  # whether maps are made part by part: another_sample.level_chances
+    in_part: bool = False  # whether maps are made part by part: sampling_error.level_chances
 
 
 @dataclass(frozen=True, slots=True)
@@ -240,7 +226,7 @@ class Assessment:
     hazard: Hazard  # with the walls and nets there are
     without: Hazard | None  # without them; None if there are none or nobody asked
     # Intensities of each single release area; empty unless asked for.
-    by_area: dict[str, tuple[IntensityMap, ...]]
+    by_area: dict[str, Intensities]
     risk: RiskTable | None
     risk_without: RiskTable | None
 
@@ -255,17 +241,18 @@ def hazard_of(
     grid: Grid,
     sampled: Sequence[Sampled],
     curves: HazardCurves,
+    level: NDArray[np.int16],
     zones: Coverage,
     confidence: float,
     edits: Sequence[Edit],
 ) -> Hazard:
     """Assess the hazard from the counts of a simulation.
 
-    The curves are those of all cells, the zones those of hazard level, to which the edits belong;
-    ``confidence`` is that of the sampling interval.
+    Curves and levels are those of all cells, zones those of hazard level, to which the edits
+    belong; ``confidence`` is that of the sampling interval.
     """
     preset = rules.preset
-    chances = level_chances(curves, preset, np.isfinite(grid.values), rules.in_part)
+    chances = level_chances(curves, level, preset, np.isfinite(grid.values), rules.in_part)
     unsure = chances.uncertain(confidence)
     levels, edit, applied = with_edits(zones, edits, [c.code for c in preset.levels])
     applied = tuple(
@@ -299,17 +286,21 @@ def assess(
 ) -> Assessment:
     """Assess hazard and risk from the counts of a simulation.
 
-    The energies are those of the hazard curves; ``without`` are the same sources without walls and
-    nets. ``by_source`` asks for zones of intensity of each single release area.
+    ``without`` are the same sources without walls and nets; ``by_source`` asks for zones of
+    intensity of each single release area.
     """
     both = [sampled] if without is None else [sampled, without]
     curves = [curves_of(own, energies_kj) for own in both]
-    zones = level_zones(curves, rules.preset, grid, rules.zones)
-    after = hazard_of(rules, grid, sampled, curves[0], zones[0], confidence, rules.edits)
-    before = risk_before = None
-    if without is not None:
-        before = hazard_of(rules, grid, without, curves[1], zones[1], confidence, ())
-        risk_before = risk_of(rules, without, energies_kj)
+    levels = [hazard_level(own, rules.preset) for own in curves]
+    zones = level_zones(curves, levels, rules.preset, grid, rules.zones)
+
+    def hazard(k: int, edits: Sequence[Edit]) -> Hazard:
+        drawn = both[k], curves[k], levels[k], zones[k]
+        return hazard_of(rules, grid, *drawn, confidence, edits)
+
+    after = hazard(0, rules.edits)
+    before = None if without is None else hazard(1, ())
+    risk_before = None if without is None else risk_of(rules, without, energies_kj)
     by_area = {}
     for area in dict.fromkeys(s.source.area for s in sampled) if by_source else ():
         own = curves_of([s for s in sampled if s.source.area == area], energies_kj)

@@ -13,12 +13,10 @@ from sassgis.settings.hazard_rules import Source, SourceCounts
 
 
 def zone_of_cells(coverage: Coverage, grid: Grid, cells: IntArray) -> IntArray:
-    """Return the zone that holds the centre of each cell: its position in the coverage.
+    """Return the position of the zone that holds the centre of each cell; -1 outside all zones.
 
-    It is -1 outside all zones.
-
-    ``grid`` is that on which the zones were drawn; ``cells`` are flat indices, ascending. A centre
-    on a common boundary belongs to the higher class, then to the earlier zone.
+    ``cells`` are flat indices on the grid of the zones, ascending. A centre on a common boundary
+    belongs to the higher class, then to the earlier zone.
     """
     zone = np.full(np.size(cells), -1, np.int64)
     if zone.size == 0 or coverage.polygons.size == 0:
@@ -44,24 +42,22 @@ def attribution(
     column_of_cell: IntArray,
     n_zones: int,
 ) -> FloatArray:
-    """Return the share of each source in the rate that makes each zone.
+    """Compute the share of each source in the rate that makes each zone.
 
     Parameters
     ----------
     zone_of_cell : int64, shape (n,)
         From `zone_of_cells`; cells of -1 do not count.
     cells : int64, shape (n,)
-        Flat indices of the cells, ascending.
-    counts : sequence of SourceCounts
-        Of the sources, in their order.
+        Flat indices, ascending.
     column_of_cell : int64, shape (n,)
         Column of the energy that decides the class of each cell.
 
     Returns
     -------
     float64, shape (n_zones, n_sources)
-        Rate of the source at the deciding energy, summed over the cells of the zone, over that of
-        all sources. NaN for a zone without a reached cell: all its cells were raised.
+        Of the rates at the deciding energy, summed over the cells of the zone. NaN for a zone
+        without a reached cell: all its cells were raised.
     """
     if np.any(np.diff(cells) <= 0):
         raise ValueError("cells are not in ascending order")
@@ -82,7 +78,7 @@ def attribution(
 
 
 def governing(shares: FloatArray) -> tuple[IntArray, FloatArray]:
-    """Return source with the largest of the shares in each zone, and that share; shape (n_zones,).
+    """Return the source with the largest share in each zone, and that share; shape (n_zones,).
 
     The first of equal ones; -1 and NaN where no source reaches the zone.
     """
@@ -96,10 +92,7 @@ def governing(shares: FloatArray) -> tuple[IntArray, FloatArray]:
 
 
 def shares_by(shares: FloatArray, names: Sequence[str]) -> tuple[tuple[str, ...], FloatArray]:
-    """Return each name once, and the shares of the sources that have it, shape (n_zones, n_names).
-
-    ``names`` are those of the area, or of the block scenario, of each source.
-    """
+    """Add up the shares of sources of the same name (area or scenario): names, shares by zone."""
     each = tuple(dict.fromkeys(names))
     columns = [np.array([n == name for n in names]) for name in each]
     parts = [shares[:, column].sum(axis=1) for column in columns]

@@ -26,16 +26,13 @@ _ROUNDING = 1e-12
 
 
 def source_rate(source: Source, counts: SourceCounts) -> FloatArray:
-    """Compute the annual frequency λ(E >= e) of blocks of one source at places, (n, n_energies).
-
-    It is the onset frequency times the share of the blocks that arrived.
-    """
+    """Compute the annual frequency λ(E >= e) of blocks of one source at places, (n, n_energies)."""
     rate: FloatArray = source.rate_per_rock * counts.count.astype(np.float64)
     return rate
 
 
 def source_variance(source: Source, counts: SourceCounts) -> FloatArray:
-    """Return the sampling variance of ``source_rate`` (1/year²), by ``map_sums.count_variance``.
+    """Compute the sampling variance of ``source_rate`` (1/year²).
 
     NaN where blocks were counted but the sample does not give it (one block per line, one random
     line); 0 where none was, as in the places that the source does not reach at all.
@@ -63,23 +60,21 @@ def hazard_curves(
     energies_kj: ArrayLike,
     variance_of: Callable[[Source, SourceCounts], FloatArray] = source_variance,
 ) -> HazardCurves:
-    """Return hazard curves of all places that any source reaches.
+    """Add up the hazard curves of all places that any source reaches.
 
     λ(E >= e, x) = Σ over sources of onset frequency · reach probability(x) · P(E >= e | reach).
     Sums are made over the scenarios of each area first, and then over the areas in the order in
-    which they first appear. So the rate of two areas is exactly the sum of the single rates.
+    which they first appear: the rate of two areas is exactly the sum of the single rates.
 
     Sources are independent samples, and their variances add up. Not so the scenarios of an area
-    whose release points were drawn at random: they start from the same points, and where one is by
-    chance too often, the others are too. There the standard errors are added, which is the most
-    that they can reach.
+    whose release points were drawn at random: they start from the same points, so that their
+    standard errors are added, which is the most that they can reach.
 
     The rate of one block is the largest of the scenarios of those areas from which any block
     arrived: none of a few blocks of a frequent scenario says little against it where a rare one
     arrives.
 
-    ``energies_kj`` are those of the columns of the counts, ascending from 0 (kJ); ``variance_of``
-    gives the variance of the rates of a source.
+    ``energies_kj`` are those of the columns of the counts, ascending from 0 (kJ).
     """
     energies = np.asarray(energies_kj, np.float64)
     if energies.ndim != 1 or energies.size == 0 or energies[0] != 0.0:
@@ -132,14 +127,12 @@ def _joined(parts: Sequence[HazardCurves], energies: FloatArray, together: bool)
 def _joined_points(
     parts: Sequence[HazardCurves], places: IntArray, variance: FloatArray, together: bool
 ) -> DrawnPoints | None:
-    """Return the part of the variance of summed curves that comes from drawn release points.
-
-    Of independent samples the degrees of freedom are those of Welch (1947, Biometrika 34: 28-35)
-    and Satterthwaite (1946, Biometrics Bulletin 2: 110-114), and one point more is one of any of
-    them; the scenarios of an area share their points.
-    """
+    """Join the variance by drawn release points of summed curves."""
     if all(part.drawn is None for part in parts):
         return None
+    # Of independent samples the degrees of freedom are those of Welch (1947, Biometrika 34: 28-35)
+    # and Satterthwaite (1946, Biometrics Bulletin 2: 110-114), and one point more is one of any of
+    # them; the scenarios of an area share their points.
     of_a_point, unsure = np.zeros_like(variance), np.zeros_like(variance)
     freedom = np.full(variance.shape, np.inf)
     for part in parts:
@@ -156,13 +149,7 @@ def _joined_points(
 
 
 def at_energies(curves: HazardCurves, energies_kj: Sequence[float]) -> HazardCurves:
-    """Return the curves only at some of their energies, which ascend from 0 (kJ).
-
-    Raises
-    ------
-    ValueError
-        An energy is none of the curves'.
-    """
+    """Return the curves at some of their energies (kJ); ValueError if one is none of theirs."""
     return curves.part(slice(None), [curves.column(e) for e in energies_kj])
 
 
@@ -179,23 +166,19 @@ def return_period(rate: ArrayLike) -> FloatArray:
 
 
 def meets(rate: ArrayLike, years: float | FloatArray) -> NDArray[np.bool_]:
-    """Return whether a rate (1/year) is at least 1/T, apart from rounding.
-
-    NaN does not meet anything.
-    """
+    """Return whether a rate (1/year) is at least 1/T, but for rounding; NaN meets nothing."""
     met: NDArray[np.bool_] = np.asarray(rate, np.float64) * years >= 1.0 - _ROUNDING
     return met
 
 
 def energy_at(curves: HazardCurves, years: float | FloatArray) -> FloatArray:
-    """Return energy (kJ) that is reached or exceeded once in a return period T (years), shape (n,).
+    """Compute the energy (kJ) that is reached or exceeded once in T (years), shape (n,).
 
     The largest energy e with λ(E >= e) >= 1/T. Between two energies of the curve both logarithms
     are taken as linear, with two exceptions: from 0 kJ to the next energy, the energy itself is
     linear (0 has no logarithm); and up to an energy that no block has, the rate itself is linear
     (as if the blocks were spread evenly between the two energies). Beyond the last energy of the
-    curve nothing is known: the last one is given there. NaN where blocks arrive less often than
-    once in T.
+    curve the last one is given. NaN where blocks arrive less often than once in T.
     """
     energies = curves.energies_kj
     periods = np.broadcast_to(np.asarray(years, np.float64), curves.places.shape)
@@ -225,13 +208,10 @@ def energy_at(curves: HazardCurves, years: float | FloatArray) -> FloatArray:
 
 
 def rate_interval(curves: HazardCurves, confidence: float = 0.95) -> tuple[FloatArray, FloatArray]:
-    """Return limits (1/year) between which the rates lie, given the sample.
+    """Compute limits (1/year) between which the rates lie, each of shape (n, n_energies).
 
-    Both have the shape (n, n_energies).
-
-    They are those of ``sampling_error.gamma_interval``, and state what another sample of blocks
-    would change, and nothing of the model, its parameters or the onset frequency. ``confidence`` is
-    the probability that the interval holds the rate, below 1.
+    By ``count_error.gamma_interval``: what another sample of blocks would change, and nothing of
+    the model, its parameters or the onset frequency. ``confidence`` is below 1.
     """
     return gamma_interval(
         curves.rate, curves.variance, curves.rate_of_one, confidence, curves.freedom
@@ -239,8 +219,5 @@ def rate_interval(curves: HazardCurves, confidence: float = 0.95) -> tuple[Float
 
 
 def wide_variance(curves: HazardCurves) -> FloatArray:
-    """Return variances that hold where few release points were drawn.
-
-    They are widened as those of 95 % limits.
-    """
+    """Return variances widened as those of 95 % limits, which hold for few drawn points."""
     return curves.variance * widening(curves.freedom, 0.025)

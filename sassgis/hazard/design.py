@@ -31,10 +31,7 @@ class Arrivals:
     curves: HazardCurves
 
     def limits(self, confidence: float) -> tuple[Arrivals, Arrivals]:
-        """Return curves between which this one lies, given the sample.
-
-        The limits are those of curves.rate_interval.
-        """
+        """Return curves between which this one lies, given the sample."""
         ends = (end.sum(axis=0) for end in rate_interval(self.curves, confidence))
         low, high = (replace(self, rate=np.minimum.accumulate(rate)) for rate in ends)
         # Of what is beyond the largest value nothing was seen.
@@ -42,7 +39,7 @@ class Arrivals:
 
 
 def arrivals(sampled: Sequence[Sampled], control_line: int, quantity: str) -> Arrivals:
-    """Return frequency curve of one quantity at one line, all sources weighted by their frequency.
+    """Compute the frequency of a quantity at a line, all sources weighted by their frequency.
 
     The line is a position among the stations and barriers, the quantity one of
     control_lines.QUANTITIES.
@@ -63,30 +60,24 @@ def arrivals(sampled: Sequence[Sampled], control_line: int, quantity: str) -> Ar
 
 
 def _at_edges(own: Distribution) -> SourceCounts:
-    """Return blocks at or above each edge of the bins, with squares as of Distribution.
-
-    They are those of one place.
-    """
+    """Return blocks at or above each edge of the bins, as those of one place."""
     above = np.cumsum(own.histogram.counts[::-1])[::-1]
     count, square = (np.append(values, 0)[None] for values in (above, own.squares))
     return SourceCounts(np.zeros(1, np.int64), count, square)
 
 
 def _variance(source: Source, counts: SourceCounts) -> FloatArray:
-    """Return the variance of the rates of a source at a line.
-
-    For given points it is at most that of single blocks.
-    """
+    """Return the variance of a source's rates; of given points at most that of single blocks."""
     if source.random_points:
         return source_variance(source, counts)
     return source.rate_per_rock**2 * counts.square.astype(np.float64)
 
 
 def value_at_rate(curve: Arrivals, rate: float) -> float:
-    """Return the smallest value that is exceeded no more often than ``rate`` (per year).
+    """Find the smallest value that is exceeded no more often than ``rate`` (per year).
 
     Within a bin the blocks are taken as spread evenly; no value lies above the largest seen. NaN
-    where blocks arrive less often than that at all: there is no such value.
+    where blocks arrive less often than that at all.
     """
     if curve.rate[0] <= rate:
         return float("nan")
@@ -114,12 +105,7 @@ def value_limits(curve: Arrivals, rate: float, confidence: float) -> tuple[float
 
 
 def rocks_beyond(curve: Arrivals, rate: float) -> int:
-    """Return simulated blocks above the value that is exceeded at ``rate``.
-
-    Few of them mean a poor estimate.
-
-    Counted from the upper edge of the bin that holds the value.
-    """
+    """Count simulated blocks above the bin of the value that is exceeded at ``rate``."""
     if curve.rate[0] <= rate:
         return int(curve.rocks[0])
     return int(curve.rocks[int(np.flatnonzero(curve.rate > rate)[-1]) + 1])
@@ -127,7 +113,7 @@ def rocks_beyond(curve: Arrivals, rate: float) -> int:
 
 @cache
 def net_classes() -> tuple[tuple[str, float], ...]:
-    """Return name and maximum energy (kJ) of the classes, rising: sassgis/data/net_classes.csv."""
+    """Read name and maximum energy (kJ) of the classes, rising: sassgis/data/net_classes.csv."""
     return tuple(
         (row["class"], float(row["maximum_energy_kj"] or "inf"))
         for row in built_in_rows("net_classes")
@@ -135,20 +121,7 @@ def net_classes() -> tuple[tuple[str, float], ...]:
 
 
 def net_class(energy_kj: float) -> str:
-    """Return lowest class of nets whose maximum energy level is not below an energy; "" of NaN."""
+    """Find the lowest class of nets whose maximum energy is not below an energy; "" of NaN."""
     if np.isnan(energy_kj):
         return ""
     return next(name for name, most in net_classes() if energy_kj <= most)
-
-
-def sphere_diameter_m(mass_kg: float, density_kgm3: float) -> float:
-    """Return the diameter of a sphere of a mass (m)."""
-    return float(np.cbrt(6.0 * mass_kg / (np.pi * density_kgm3)))
-
-
-def passing_rate(behind: Arrivals) -> float:
-    """Compute the rate (1/year) of blocks behind a line by the curve of control_lines.BEHIND.
-
-    Blocks that a barrier takes lie in the first bin.
-    """
-    return float(behind.rate[1])

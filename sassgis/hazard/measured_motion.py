@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from functools import cache
 from typing import Any
 
@@ -27,41 +26,24 @@ _COMPARED = (
 _LEAST_SHARE = 0.01
 
 
-@dataclass(frozen=True, slots=True)
-class Measured:
-    """The largest values measured on blocks up to some volume."""
-
-    volume_to_m3: float
-    speed_mps: float
-    height_m: float
-    rotation_hz: float
-    source: str
-
-
 @cache
-def measured_motion() -> tuple[Measured, ...]:
-    """Read rows by rising volume from sassgis/data/measured_motion.csv, which has the sources."""
+def measured_motion() -> tuple[dict[str, float], ...]:
+    """Read the largest measured values, by rising volume: sassgis/data/measured_motion.csv."""
+    names = ("volume_to_m3", *(name for name, _, _ in _COMPARED))
     return tuple(
-        Measured(
-            float(row["volume_to_m3"]),
-            float(row["speed_mps"]),
-            float(row["height_m"]),
-            float(row["rotation_hz"]),
-            row["source"],
-        )
-        for row in built_in_rows("measured_motion")
+        {name: float(row[name]) for name in names} for row in built_in_rows("measured_motion")
     )
 
 
-def measured_at(volume_m3: float) -> Measured:
+def measured_at(volume_m3: float) -> dict[str, float]:
     """Return measurements on blocks of a volume's (m³) size class; the largest class beyond it."""
     rows = measured_motion()
-    return next((row for row in rows if volume_m3 <= row.volume_to_m3), rows[-1])
+    return next((row for row in rows if volume_m3 <= row["volume_to_m3"]), rows[-1])
 
 
 def size_warnings(blocks: tuple[BlockPopulation, ...]) -> list[str]:
     """Return scenarios with blocks larger than any whose motion was measured."""
-    known = measured_motion()[-2].volume_to_m3
+    known = measured_motion()[-2]["volume_to_m3"]
     beyond = [f"{own.name} ({short(own.largest_volume_m3)} m³)" for own in blocks
               if own.largest_volume_m3 > known]  # fmt: skip
     if not beyond:
@@ -78,17 +60,14 @@ def motion_warnings(
 ) -> list[str]:
     """Warn where maps exceed measurements on blocks as large as the largest of a run.
 
-    Parameters
-    ----------
-    maps : mapping of str to arrays of floats of any shape
-        95 % values in cells by name of a measured quantity; NaN where no block arrives.
+    ``maps`` are 95 % values in cells by name of a measured quantity; NaN where no block arrives.
     """
     known = measured_at(max(own.largest_volume_m3 for own in blocks))
     out: list[str] = []
     for name, words, unit in _COMPARED:
         if name not in maps:
             continue
-        values, limit = maps[name][np.isfinite(maps[name])], getattr(known, name)
+        values, limit = maps[name][np.isfinite(maps[name])], known[name]
         share = float(np.mean(values > limit)) if values.size else 0.0
         if share >= _LEAST_SHARE:
             out.append(
@@ -106,15 +85,15 @@ def motion_warnings(
 def words_at_line(sampled: Sequence[Sampled], line: int) -> str:
     """State how far 95 % values at a station or barrier exceed measurements; else empty.
 
-    ``line`` is its position. The size is that of the mass of which 95 % are below, at the density
-    of a block of which nothing is said.
+    The size is that of the mass of which 95 % are below, at the density of a block of which nothing
+    is said.
     """
     curves = {name: arrivals(sampled, line, name) for name, _, _ in _COMPARED}
     mass = _q95(arrivals(sampled, line, "mass_kg"))
     known = measured_at(mass / BlockPopulation().density_kgm3[0])
     found = []
     for name, words, unit in _COMPARED:
-        value, limit = _q95(curves[name]), getattr(known, name)
+        value, limit = _q95(curves[name]), known[name]
         if value > limit:
             over = f"{100.0 * (value / limit - 1.0):.0f}"
             text = "{} {} {}, {} % above the largest measured"

@@ -65,20 +65,9 @@ def object_values(
 ) -> ObjectValues:
     """Compute energies and heights of the blocks that reach each object.
 
-    Parameters
-    ----------
-    sources, counts : sequence
-        Blocks at the objects, one each per source.
-    energies_kj : float64, shape (n_energies,)
-        Of the counts.
-    sums : MapSums or None
-        Of the cells of all blocks, with histograms of the passing height; without, none is stated.
-    height_edges : float64
-        Of their bins (m).
-    return_periods : sequence of float
-        Years.
-    confidence : float
-        Of the intervals.
+    ``counts`` of the sources are those at the objects. ``sums`` are of the cells of all blocks,
+    with histograms of the passing height of these edges (m); without, no height is stated. Return
+    periods are in years, ``confidence`` is that of the intervals.
     """
     curves = hazard_curves(sources, counts, energies_kj)
     lower, upper = rate_interval(curves, confidence)
@@ -122,12 +111,10 @@ def _heights(
     edges: FloatArray,
     confidence: float,
 ) -> ObjectEstimate:
-    """Return 95 % quantile of the passing height in the cells of each object, with an interval.
-
-    Limits by the order of as many independent blocks as the rate of the object and its variance
-    are those of (binomial, taken as normal), but no more than arrive: where nearly all blocks
-    arrive, the variance is that of the few that do not, and says nothing of the heights.
-    """
+    """Compute the 95 % quantile of the passing height in the cells of each object."""
+    # Limits by the order of as many independent blocks as the rate of the object and its variance
+    # are those of (binomial, taken as normal), but no more than arrive: where nearly all blocks
+    # arrive, the variance is that of the few that do not, and says nothing of the heights.
     n = objects.n_objects
     pooled = np.zeros((n, edges.size - 1), np.int64)
     largest = np.zeros(n)

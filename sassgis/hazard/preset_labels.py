@@ -10,10 +10,7 @@ from sassgis.settings.languages import joined, phrase
 
 
 def period_labels(return_periods: Sequence[float]) -> tuple[str, ...]:
-    """Return names of the classes of return period.
-
-    They are "up to 30", "30 to 100", ..., "beyond 300" (years).
-    """
+    """Name the classes of return period: "up to 30", "30 to 100", ..., "beyond 300" (years)."""
     limits = [f"{t:g}" for t in return_periods]
     between = [phrase("{} to {}", a, b) for a, b in pairwise(limits)]
     return (phrase("up to {}", limits[0]), *between, phrase("beyond {}", limits[-1]))
@@ -29,10 +26,7 @@ def energy_labels(preset: HazardPreset) -> tuple[str, ...]:
 
 
 def preset_unverified(preset: HazardPreset) -> list[str]:
-    """List values of a preset that were not read in its source, for warnings.
-
-    One text per source, with the values that rest on it; empty if all are verified.
-    """
+    """List values of a preset that were not read in its source: a warning for each source."""
     return [
         phrase(
             "Preset {}, unverified: {}. {}.",
@@ -45,10 +39,7 @@ def preset_unverified(preset: HazardPreset) -> list[str]:
 
 
 def unverified_in_short(preset: HazardPreset) -> list[str]:
-    """Return the same without the sources, in one text or none.
-
-    It is for sheets, where there is little room.
-    """
+    """Return the same without the sources, for sheets: one text, or none."""
     what = [text for own in _unverified(preset).values() for text in own]
     text = "Preset {}, unverified: {}. See the report."
     return [phrase(text, preset.name, joined(", ", what))] if what else []

@@ -65,10 +65,7 @@ def _places(grid: Grid, x: FloatArray, y: FloatArray) -> FloatArray:
 
 
 def _angle_deg(upper: FloatArray, lower: FloatArray) -> FloatArray:
-    """Return the angle below the horizontal of the line between places.
-
-    It is NaN if they are one, or if the line rises.
-    """
+    """Return the angle of falling lines below the horizontal; NaN for others."""
     distance = np.hypot(*(lower - upper)[:, :2].T)
     drop = upper[:, 2] - lower[:, 2]
     out: FloatArray = np.where(

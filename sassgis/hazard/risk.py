@@ -15,6 +15,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -74,18 +75,15 @@ class RiskTable:
         return _sums(self.values[quantity].T)
 
     def standard_error(self, quantity: str) -> FloatArray:
-        """Return the upper bound of the standard error of :meth:`of_object`.
-
-        Samples are independent.
-        """
+        """Return the upper bound of the standard error of :meth:`of_object`."""
         error: FloatArray = np.sqrt(_sums(by_sample(self.variances[quantity], self.sources).T))
         return error
 
     def limits(self, quantity: str) -> tuple[FloatArray, FloatArray]:
         """Return limits of a 95 % interval of :meth:`of_object`, given the sample.
 
-        By sampling_error.gamma_interval, with the variance over the value as what one more of what
-        was drawn would add.
+        By count_error.gamma_interval, with the variance over the value as what one more of what was
+        drawn would add.
         """
         value = self.of_object(quantity)
         own = by_sample(self.variances[quantity], self.sources)
@@ -98,31 +96,10 @@ class RiskTable:
 
     @property
     def one_rock(self) -> FloatArray:
-        """Hits per year of one simulated block, shape (n_objects,).
-
-        Of the one that counts most of the sources that reach the object; 0 where none does.
-        """
+        """Hits per year of the simulated block that counts most at each object; 0 without hits."""
         rates = np.array([s.rate_of_a_rock for s in self.sources])[:, None]
         reached = np.where(self.values["hits"] > 0.0, rates, 0.0)
         return np.asarray(reached.max(axis=0, initial=0.0), np.float64)
-
-
-@dataclass(frozen=True, slots=True)
-class RiskTotal:
-    """Risk summed over several objects or over one source."""
-
-    # One of "whole" (a road or line of which the objects are stretches), "kind", "source", "all".
-    scope: str
-    name: str
-    objects: int  # how many are summed
-    # The ADDITIVE quantities; each is the correctly rounded sum of the objects' values.
-    values: Mapping[str, float]
-    # Upper bound: as if each source's blocks hit all objects or none.
-    standard_error: Mapping[str, float]
-    standard_error_apart: Mapping[str, float]  # upper bound if no block hits two of the objects
-    # The largest of one person (1/year). Who drives along a road passes all its stretches: there it
-    # is the sum. NaN for a source.
-    individual_risk: float
 
 
 def _sums(rows: FloatArray) -> FloatArray:
@@ -131,19 +108,15 @@ def _sums(rows: FloatArray) -> FloatArray:
 
 
 def _samples(sources: Sequence[Source]) -> list[tuple[str, str]]:
-    """Return the sample that each source belongs to.
-
-    Points drawn for an area are those of all of it.
-    """
+    """Return the sample of each source; points drawn for an area are those of all of it."""
     return [(s.area, "" if s.random_points else s.scenario) for s in sources]
 
 
 def by_sample(variance: FloatArray, sources: Sequence[Source]) -> FloatArray:
-    """Return variances of independent samples from those of sources.
+    """Return variances of independent samples from those of sources, shape (n_sources, n).
 
     Every source is a separate sample, but scenarios of an area with random release points start
-    from the same points: their standard errors add up at most. ``variance`` has the shape
-    (n_sources, n).
+    from the same points: their standard errors add up at most.
     """
     keys = _samples(sources)
     number = {key: i for i, key in enumerate(sorted(set(keys)))}
@@ -169,12 +142,12 @@ def vehicles_in_strip(
     vehicle_length_m: ArrayLike,
     block_width_m: ArrayLike,
 ) -> FloatArray:
-    """Return expected number of vehicles that a block crossing the road meets.
+    """Compute the expected number of vehicles that a block crossing the road meets.
 
     n = Q / (24 h/day) · (L + w) / (1000 m/km · v): vehicles per hour times the hours for which one
-    of them has a part of itself in a strip as wide as the block. The block is taken to cross in no
-    time, and what drives into it after it has come to rest is not counted. The traffic Q is that of
-    both directions. The mean number may exceed 1.
+    of them has a part of itself in a strip as wide as the block, which crosses in no time. What
+    drives into it after it has come to rest is not counted. The traffic Q is that of both
+    directions. The mean number may exceed 1.
     """
     length = np.asarray(vehicle_length_m, np.float64) + np.asarray(block_width_m, np.float64)
     hours = length / (_METRES_PER_KM * np.asarray(speed_kmh, np.float64))
@@ -183,9 +156,7 @@ def vehicles_in_strip(
 
 
 def class_hits(rate: FloatArray) -> FloatArray:
-    """Return hits per year of each class: h_i = λ(E >= e_i) − λ(E >= e_{i+1}).
-
-    The last class is open.
+    """Return hits per year of each class: h_i = λ(E >= e_i) − λ(E >= e_{i+1}), the last open.
 
     ``rate`` is λ at the lower limits of the classes (1/year), shape (..., n_intensities).
     """
@@ -305,16 +276,10 @@ def assess_risk(
     limits_kj: Sequence[float],
     vulnerability: Vulnerability,
 ) -> RiskTable:
-    """Return risk of each object from each source; the places of the counts are numbers of objects.
+    """Compute the risk of each object from each source; places of counts are numbers of objects.
 
-    Parameters
-    ----------
-    energies_kj : array_like, shape (n_energies,)
-        Energies of the columns of the counts, ascending from 0 (kJ).
-    limits_kj
-        Lower limits of the intensity classes (kJ), all of them among the energies.
-    vulnerability
-        Its intensities are the classes.
+    ``energies_kj`` are those of the columns of the counts, ``limits_kj`` the lower limits of the
+    intensity classes of the vulnerability table, all of them among the energies.
 
     Raises
     ------
@@ -346,14 +311,17 @@ def assess_risk(
 
 
 # ---------------------------------------------------------------------------------------------
-# Sums
+# Rows of tables
 
 
-def risk_totals(table: RiskTable) -> list[RiskTotal]:
-    """Return sums by road or line, by kind, by source, and over all.
+def total_rows(table: RiskTable) -> list[dict[str, Any]]:
+    """Return a row per sum: by road or line ("whole"), by kind, by source, and over all.
 
-    Each value is the correctly rounded sum (``math.fsum``) of the values of its objects, as
-    ``RiskTable.of_object`` returns them; for a source, of what it adds to each object.
+    Each value of the ADDITIVE quantities is the correctly rounded sum (``math.fsum``) of those of
+    its objects, as ``RiskTable.of_object`` returns them; for a source, of what it adds to each
+    object. Standard errors are upper bounds: as if each source's blocks hit all objects or none,
+    and, with ``_apart``, if no block hits two of the objects. The largest individual risk is NaN
+    for a source.
     """
     groups: dict[tuple[str, str], list[int]] = {}
     for i, thing in enumerate(table.objects):
@@ -361,39 +329,36 @@ def risk_totals(table: RiskTable) -> list[RiskTotal]:
             groups.setdefault(("whole", thing.parent), []).append(i)
     for i, thing in enumerate(table.objects):
         groups.setdefault(("kind", thing.kind), []).append(i)
-    totals = [_total(table, scope, name, own) for (scope, name), own in groups.items()]
+    rows = [_total_row(table, scope, name, own) for (scope, name), own in groups.items()]
     everything = list(range(len(table.objects)))
     for s, source in enumerate(table.sources):
-        totals.append(_total(table, "source", source.label, everything, s))
-    totals.append(_total(table, "all", "all objects", everything))
-    return totals
+        rows.append(_total_row(table, "source", source.label, everything, s))
+    return [*rows, _total_row(table, "all", "all objects", everything)]
 
 
-def _total(
+def _total_row(
     table: RiskTable, scope: str, name: str, own: list[int], source: int | None = None
-) -> RiskTotal:
+) -> dict[str, Any]:
     chosen = slice(None) if source is None else slice(source, source + 1)
-    values, most, apart = {}, {}, {}
+    row: dict[str, Any] = {"scope": scope, "name": name, "objects": len(own)}
     for q in ADDITIVE:
-        rows = table.of_object(q) if source is None else table.values[q][source]
-        values[q] = math.fsum(rows[own].tolist())
+        values = table.of_object(q) if source is None else table.values[q][source]
         variance = by_sample(table.variances[q][chosen][:, own], table.sources[chosen])
-        most[q] = math.sqrt(math.fsum((np.sqrt(variance).sum(axis=1) ** 2).tolist()))
-        apart[q] = math.sqrt(math.fsum(variance.ravel().tolist()))
+        most = (np.sqrt(variance).sum(axis=1) ** 2).tolist()
+        row[f"{q}_per_year"] = math.fsum(values[own].tolist())
+        row[f"{q}_per_year_se"] = math.sqrt(math.fsum(most))
+        row[f"{q}_per_year_se_apart"] = math.sqrt(math.fsum(variance.ravel().tolist()))
     individual = math.nan if source is not None else _largest_individual(table, own)
-    return RiskTotal(scope, name, len(own), values, most, apart, individual)
+    return row | {"individual_risk_largest_per_year": individual}
 
 
 def _largest_individual(table: RiskTable, own: Iterable[int]) -> float:
+    """Find the largest risk of one person; who drives along a road passes all its stretches."""
     risks = table.of_object("individual_risk")
     wholes: dict[str, list[float]] = {}
     for i in own:
         wholes.setdefault(table.objects[i].whole, []).append(float(risks[i]))
     return max((math.fsum(parts) for parts in wholes.values()), default=math.nan)
-
-
-# ---------------------------------------------------------------------------------------------
-# Rows of tables
 
 
 def _who(thing: ExposedObject) -> dict[str, object]:
@@ -406,10 +371,7 @@ def _share(part: float, whole: float) -> float:
 
 
 def object_rows(table: RiskTable) -> list[dict[str, object]]:
-    """Return a row per object.
-
-    It has what the object is, hits by intensity, every quantity with its standard error.
-    """
+    """Return a row per object: what it is, and every quantity with its standard error."""
     sums = {q: table.of_object(q) for q in table.values}
     errors = {q: table.standard_error(q) for q in table.values}
     one_rock = table.one_rock
@@ -427,10 +389,7 @@ def object_rows(table: RiskTable) -> list[dict[str, object]]:
 
 
 def source_rows(table: RiskTable) -> list[dict[str, object]]:
-    """Return a row per object and source that hits it.
-
-    It has what the source adds, and its share of the loss.
-    """
+    """Return a row per object and source that hits it: what that adds, and its share."""
     loss, deaths = table.of_object("loss"), table.of_object("deaths")
     rows: list[dict[str, object]] = []
     for k, thing in enumerate(table.objects):
@@ -446,19 +405,4 @@ def source_rows(table: RiskTable) -> list[dict[str, object]]:
             row["share_of_loss"] = _share(table.values["loss"][s, k], loss[k])
             row["share_of_deaths"] = _share(table.values["deaths"][s, k], deaths[k])
             rows.append(row)
-    return rows
-
-
-def total_rows(table: RiskTable) -> list[dict[str, object]]:
-    """Return a row per sum of :func:`risk_totals`."""
-    rows = []
-    for total in risk_totals(table):
-        names = ("scope", "name", "objects")
-        row: dict[str, object] = {name: getattr(total, name) for name in names}
-        for q in ADDITIVE:
-            row[f"{q}_per_year"] = total.values[q]
-            row[f"{q}_per_year_se"] = total.standard_error[q]
-            row[f"{q}_per_year_se_apart"] = total.standard_error_apart[q]
-        row["individual_risk_largest_per_year"] = total.individual_risk
-        rows.append(row)
     return rows

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,7 +11,7 @@ from scipy import ndimage, special
 
 from sassgis.grid import BoolArray, FloatArray, IntArray
 from sassgis.hazard.curves import at_energies, wide_variance
-from sassgis.hazard.levels import hazard_level, limits_of_levels
+from sassgis.hazard.levels import limits_of_levels, window_of
 from sassgis.settings.hazard_rules import HazardCurves, HazardPreset
 
 #: Least and most of what few places say of all: shapes of a gamma distribution stay above 0, and no
@@ -59,25 +58,18 @@ class LevelChances:
 
     @property
     def changed_share(self) -> float:
-        """Area whose level would change, as a share of the area that has a level.
+        """Expected area whose level would change, over the area that has a level.
 
-        An expected value. Above 1 where more changes than has a level; 0 without any.
+        Above 1 where more changes than has a level; 0 without any.
         """
         zoned = int((self.level > 0).sum())
         return float(self.changed.sum()) / zoned if zoned else 0.0
 
     def interval(self, confidence: float) -> tuple[NDArray[np.int16], NDArray[np.int16]]:
-        """Return levels between which another sample would put each place.
+        """Return the lowest and highest level between which another sample would put each place.
 
-        Parameters
-        ----------
-        confidence : float
-            Probability of each end: that the level is not lower, and that it is not higher.
-
-        Returns
-        -------
-        lowest, highest : int16, shape (n,)
-            The level of this sample lies between them.
+        ``confidence`` is the probability of each end: that the level is not lower, and that it is
+        not higher. The level of this sample lies between them.
         """
         lowest = (self.at_least[:, 1:] >= confidence).sum(axis=1)
         highest = (self.at_least[:, 1:] > 1.0 - confidence).sum(axis=1)
@@ -108,6 +100,7 @@ class LevelChances:
 
 def level_chances(
     curves: HazardCurves,
+    level: NDArray[np.int16],
     preset: HazardPreset,
     known: BoolArray | None = None,
     in_part: bool = False,
@@ -133,6 +126,8 @@ def level_chances(
     curves : HazardCurves
         With the thresholds of the preset among its energies. Its places are cells, if any are
         known.
+    level : int16, shape (n,)
+        Of the places, by `levels.hazard_level`.
     known : bool, shape (n_rows, n_cols), optional
         Cells of the terrain with a height; without them nothing is said of places that no block
         reached.
@@ -164,9 +159,9 @@ def level_chances(
     # A level that is reached is reached by the lower ones too, whatever the rounding.
     np.maximum.accumulate(chance[::-1], out=chance[::-1])
     chance = chance.T
-    level = np.zeros(places.size, np.int16)
-    level[own] = hazard_level(few, preset)
-    return LevelChances(places, level, chance, in_part)
+    of_all = np.zeros(places.size, np.int16)
+    of_all[own] = level
+    return LevelChances(places, of_all, chance, in_part)
 
 
 def _beta(blocks: FloatArray) -> float:
@@ -197,10 +192,7 @@ def _chance_of_rate(
 
 
 def _alike(weight: FloatArray, blocks: FloatArray) -> tuple[FloatArray, FloatArray, IntArray]:
-    """Return pairs of a weight and a number of blocks, each once, and the pair of each place.
-
-    There are far fewer than places.
-    """
+    """Return each pair of a weight and a number of blocks once, and the pair of each place."""
     weights, of_weight = np.unique(weight, return_inverse=True)
     counts, of_count = np.unique(blocks, return_inverse=True)
     pairs, of = np.unique(of_weight * counts.size + of_count, return_inverse=True)
@@ -222,23 +214,9 @@ def _first_reached(
 ) -> tuple[IntArray, FloatArray, FloatArray]:
     """Return places with their neighbours, and the chance that another sample comes first.
 
-    Parameters
-    ----------
-    blocks : float64, shape (n, n_intensities)
-        How many came to the places, by the class of their energy.
-    weight : float64, shape (n,)
-        Rate of one of them.
-    limits : float64, shape (n_levels, n_intensities)
-        Rates that give levels; where no few blocks make one, nothing is looked for.
-    known : bool, shape (n_rows, n_cols), optional
-        Cells of the terrain with a height; without them there are no others.
-
-    Returns
-    -------
-    places : int64, shape (n_all,)
-    chance : float64, shape (n_all, n_intensities)
-    weight : float64, shape (n_all,)
-        Of others that of the nearest place.
+    ``blocks`` of a rate ``weight`` came to the places, by the class of their energy. The chance is
+    by class as well; the weight of a neighbour is that of the nearest place. Where no few blocks
+    make one of the ``limits``, or no cell of the terrain is ``known``, there are no neighbours.
     """
     alone = places, np.zeros(blocks.shape), weight
     least = np.where(np.isfinite(limits), limits, np.inf).min(axis=0)
@@ -246,14 +224,15 @@ def _first_reached(
     asked = np.flatnonzero(least < _FEW_BLOCKS * heaviest)
     if known is None or not (asked.size and places.size):
         return alone
-    window = _Window(places, known)
+    window = window_of(places, known.shape)
     several = window.map_of(blocks[:, 0] >= 1.5)
     single = window.map_of((blocks[:, 0] > 0.0) & (blocks[:, 0] < 1.5))
     if not (several.any() and single.any()):
         return alone
     # No new place is farther from the others than one of one block from those of several.
-    window = _Window(places, known, math.ceil(float(distance(~several)[0][single].max())) + 1)
-    chances, before = [], window.known
+    margin = math.ceil(float(distance(~several)[0][single].max())) + 1
+    window = window_of(places, known.shape, margin)
+    chances, before = [], known[window.rows, window.cols]
     for i in range(blocks.shape[1]):
         some = window.map_of(blocks[:, i] > 0.0)
         found = np.zeros(some.shape)
@@ -264,14 +243,14 @@ def _first_reached(
         # What comes with much energy comes with less.
         before = some
     near = distance(~window.map_of(weight > 0.0))[1]
-    rows = np.flatnonzero(np.any([c > 0.0 for c in chances], axis=0).ravel())
-    cells = window.cells(rows)
+    row, col = np.nonzero(np.any([c > 0.0 for c in chances], axis=0))
+    cells = (row + window.rows.start) * known.shape[1] + col + window.cols.start
     every = np.union1d(places, cells)
     at = np.searchsorted(every, cells)
     chance, weights = np.zeros((every.size, blocks.shape[1])), np.zeros(every.size)
-    chance[at] = np.stack([c.ravel()[rows] for c in chances], axis=1)
+    chance[at] = np.stack([c[row, col] for c in chances], axis=1)
     weights[np.searchsorted(every, places)] = weight
-    weights[at] = window.map_of(weight)[tuple(near)].ravel()[rows]
+    weights[at] = window.map_of(weight)[tuple(near)][row, col]
     return every, chance, weights
 
 
@@ -285,10 +264,8 @@ def _chance_of_new(first: FloatArray, weight: FloatArray, beta: float, limit: fl
 
 
 def _of_first(beta: float) -> FloatArray:
-    """Compute the chance of k or more blocks where another sample comes first, k to _FEW_BLOCKS.
-
-    That of j is Γ(j − β)/(j! 2^(j − β)) over its sum, with as many places as m^(−1−β).
-    """
+    """Compute the chance of k or more blocks where another sample comes first, k to _FEW_BLOCKS."""
+    # That of j is Γ(j − β)/(j! 2^(j − β)) over its sum, with as many places as m^(−1−β).
     j = np.arange(1.0, 200.0)
     some = np.exp(special.gammaln(j - beta) - special.gammaln(j + 1.0) - (j - beta) * math.log(2.0))
     tail = np.cumsum(some[::-1])[::-1] / some.sum()
@@ -326,47 +303,13 @@ def distance(beyond: BoolArray) -> tuple[FloatArray, IntArray]:
     return found, nearest
 
 
-class _Window:
-    """The part of a terrain around some cells (flat indices), with a margin."""
-
-    def __init__(self, places: IntArray, known: BoolArray, margin: int = 0) -> None:
-        self._n_cols = known.shape[1]
-        row, col = np.divmod(places, known.shape[1])
-        self._top, self._left = max(int(row.min()) - margin, 0), max(int(col.min()) - margin, 0)
-        self.known = known[
-            self._top : int(row.max()) + margin + 1, self._left : int(col.max()) + margin + 1
-        ]
-        self.rows = (row - self._top) * self.known.shape[1] + col - self._left
-
-    def map_of(self, values: NDArray[Any]) -> NDArray[Any]:
-        """Return values of the cells on the map, 0 elsewhere."""
-        out = np.zeros(self.known.shape, values.dtype)
-        out.ravel()[self.rows] = values
-        return out
-
-    def cells(self, rows: IntArray) -> IntArray:
-        """Return flat indices on the terrain of places in the window."""
-        row, col = np.divmod(rows, self.known.shape[1])
-        cells: IntArray = (row + self._top) * self._n_cols + col + self._left
-        return cells
-
-
 def worth_of_places(curves: HazardCurves, preset: HazardPreset) -> FloatArray:
     """Compute how much less area another sample changes per unit less of variance.
 
     What it changes along a limit grows with the standard error s of the rates there, of which the
     cells within about two errors of the limit L count: as many of them as the area that changes,
-    and exp(−d²/2)/s² of d = (λ − L)/s, summed over cells, is the change by s².
-
-    Parameters
-    ----------
-    curves : HazardCurves
-        With the thresholds of the preset among its energies.
-
-    Returns
-    -------
-    float64, shape (n, n_intensities)
-        Scaled to 1 at most.
+    and exp(−d²/2)/s² of d = (λ − L)/s, summed over cells, is the change by s². The thresholds of
+    the preset are among the energies; shape (n, n_intensities), scaled to 1 at most.
     """
     few = at_energies(curves, preset.thresholds_kj)
     limits = limits_of_levels(preset)
@@ -386,24 +329,12 @@ def worth_of_places(curves: HazardCurves, preset: HazardPreset) -> FloatArray:
 def rocks_factor(
     curves: HazardCurves, preset: HazardPreset, chances: LevelChances, confidence: float
 ) -> FloatArray:
-    """Estimate how many times the blocks it would take to decide the level of each place.
+    """Estimate how many times the blocks it would take to decide the level of each place, (n,).
 
     With g times the blocks of every source, the rates being as they are, the variance falls to v/g.
     Two such samples differ with a variance of 2 v/g; taken as normal, a limit is out of reach from
-    g = 2 z² v / (λ − limit)² on.
-
-    Parameters
-    ----------
-    curves : HazardCurves
-        With the thresholds of the preset among its energies.
-    chances : LevelChances
-        Of these curves, and maybe of places that no block reached.
-
-    Returns
-    -------
-    float64, shape (n,)
-        1 where the level is decided; infinite where the rate lies on a limit of the matrix, so that
-        no sample decides; NaN where the sample does not give its variance.
+    g = 2 z² v / (λ − limit)² on. 1 where the level is decided; infinite where the rate lies on a
+    limit of the matrix, so that no sample decides; NaN where the sample does not give its variance.
     """
     few = at_energies(curves, preset.thresholds_kj)
     own = np.searchsorted(chances.places, few.places)

@@ -31,35 +31,23 @@ class Sampled:
     control_lines: ControlLineSums  # at stations and barriers
 
 
-@dataclass(frozen=True, slots=True)
-class OnsetTable:
-    """Onset frequencies of single sources; ``file`` is None where there is no table."""
-
-    onsets: Mapping[tuple[str, str], Onset]
-    file: Input | None = None
-
-
 def onset_frequencies(
     areas: Sequence[ReleaseArea],
     onsets: Mapping[str, Onset],
-    table: OnsetTable,
+    table: Mapping[tuple[str, str], Onset],
+    table_file: Input | None,
     config_file: Path | None,
 ) -> dict[tuple[str, str], float]:
     """Return blocks released per year, by release area and block scenario.
 
-    ``onsets`` are by scenario; the table goes before them. The configuration is for messages.
-
-    Raises
-    ------
-    ConfigError
-        A scenario that is released somewhere has no frequency.
-    InputError
-        A unit does not go with the shape of an area.
+    ``onsets`` are by scenario; those of single sources from a table, if there is one, go before
+    them. Raises ConfigError for a scenario that is released somewhere without a frequency,
+    InputError for a unit that does not go with the shape of an area.
     """
     annual = {}
     for area in areas:
         for scenario in area.scenarios:
-            single = table.onsets.get((area.name, scenario))
+            single = table.get((area.name, scenario))
             onset = onsets[scenario]
             if single is not None:
                 onset = replace(single, share=onset.share)
@@ -69,14 +57,13 @@ def onset_frequencies(
                     file=config_file,
                     field=f"blocks[{scenario}].onset_frequency",
                     expected="a number 0 or more"
-                    + ("" if table.file is None else f", or a row for {area.name} in "
-                       f"{table.file.name}"),
-                )  # fmt: skip
+                    + (f", or a row for {area.name} in {table_file.name}" if table_file else ""),
+                )
             size = _size(area, onset)
             if size == 0.0:
                 raise InputError(
                     f"release area {area.name} has no extent for this unit",
-                    file=config_file if single is None else table.file,
+                    file=config_file if single is None else table_file,
                     field=f"blocks[{scenario}].onset_unit" if single is None else "unit",
                     found=f"{onset.unit}, {area.geometry.geom_type}",
                     expected=f"{_PLACE[onset.unit]}, or per_year",

@@ -60,13 +60,7 @@ class BlockSurvey:
         return int(self.count.sum())
 
     def complete(self, volume: float) -> BlockSurvey:
-        """Return blocks of this volume (m3) and above.
-
-        Raises
-        ------
-        InputError
-            If a class lies on both sides of it.
-        """
+        """Return blocks of this volume (m3) and above; InputError if a class lies on both sides."""
         cut = (self.low < volume) & (volume < self.high)
         if cut.any():
             raise InputError(
@@ -112,8 +106,8 @@ class PowerLaw:
     def frequency(self, low: float, high: float, rate: float, counted: bool) -> Estimate:
         """Return annual frequency of blocks between two volumes (m3), with its likelihood interval.
 
-        ``rate`` is the annual frequency of all blocks of the law; ``counted`` is whether it is the
-        count of the survey over years, else it is taken as exact.
+        ``rate`` is that of all blocks of the law; if ``counted`` it is the count of the survey over
+        years, else it is taken as exact.
         """
         b = np.geomspace(self.exponent.lower, self.exponent.upper, 401)
         likely = _likelihood(self.survey, self.complete_from, self.span)
@@ -131,17 +125,9 @@ class PowerLaw:
 def fit_power_law(survey: BlockSurvey, complete_from: float, up_to: float = math.inf) -> PowerLaw:
     """Fit a power law to the blocks of a survey by maximum likelihood.
 
-    Parameters
-    ----------
-    complete_from : float
-        Volume from which on no block was missed (m3).
-    up_to : float
-        Largest volume that is possible (m3).
-
-    Raises
-    ------
-    InputError
-        If there are too few blocks, one is larger than possible, or no power law fits.
+    ``complete_from`` is the volume from which on no block was missed, ``up_to`` the largest that is
+    possible (m3). Raises InputError if there are too few blocks, one is larger than possible, or no
+    power law fits.
     """
     if not 0.0 < complete_from < up_to:
         raise InputError(
@@ -198,17 +184,13 @@ def higher_thresholds(law: PowerLaw) -> Iterator[PowerLaw]:
                 return
 
 
-def fit_test(law: PowerLaw, seed: int = 1) -> tuple[float, float]:
-    """Find the largest distance of observed and fitted shares, and how likely a larger one is.
+def fit_test(law: PowerLaw) -> tuple[float, float]:
+    """Compute the largest distance of observed and fitted shares, and how likely a larger one is.
 
-    Returns
-    -------
-    distance : float
-        Of Kolmogorov and Smirnov; of classes at their limits.
-    p : float
-        Share of samples of the law, each fitted anew, that lie farther from their fit.
+    The distance is that of Kolmogorov and Smirnov, of classes at their limits; p is the share of
+    samples of the law, each fitted anew, that lie farther from their fit.
     """
-    draws = np.random.default_rng(seed)
+    draws = np.random.default_rng(1)
     n, b, own = law.survey.blocks, law.exponent.value, _distance(law)
     farther = 0
     for _ in range(_SIMULATIONS):

@@ -64,20 +64,17 @@ _STOPS = (
 )
 #: Below this share of all blocks their number is stated in place of the share.
 _FEW = 1e-3
-#: Beginnings of the warnings that describe the set-up, in English.
-_SET_UP = (
-    "Preset ",
-    "Ground classes fitted to field sites",
-    "Estimated ground classes",
-    "Diameter of blocks on the ground",
-    "Hazard zones edited by hand",
-    "No block reaches: ",
-)
 
 
-def describes_set_up(warning: str) -> bool:
-    """Return whether a warning, in English, describes the set-up, not a wrong map."""
-    return warning.startswith(_SET_UP)
+class SetUp(Phrase):
+    """A warning that describes the set-up: what was put in, and not a map that may be wrong."""
+
+
+def _set_up(text: str, *parts: object) -> SetUp:
+    own = phrase(text, *parts)
+    made = SetUp(own)
+    made.key, made.parts, made.named = own.key, own.parts, own.named
+    return made
 
 
 def _some_blocks(n: int, total: int) -> Phrase:
@@ -93,10 +90,7 @@ def _some_blocks(n: int, total: int) -> Phrase:
 
 
 def ground_shares(run: MapRun, cells: IntArray) -> list[tuple[GroundClass, float]]:
-    """Return ground classes of flat cells with their share.
-
-    All known cells count where none are given.
-    """
+    """Return ground classes of flat cells with their share; of all known cells without any."""
     known = np.isfinite(run.grid.values)
     of_cells = run.ground.ravel()[cells] if cells.size else run.ground[known]
     used, counts = np.unique(of_cells, return_counts=True)
@@ -113,11 +107,11 @@ def ground_warnings(used: Sequence[tuple[GroundClass, float]]) -> list[str]:
     out: list[str] = []
     for trust, text in _TRUST_WARNINGS:
         if names := ground_words((c, share) for c, share in used if c.trust == trust):
-            out.append(phrase(text, names))
+            out.append(_set_up(text, names))
     assumed = [f"{c.name} {c.d_star_m:g} m" for c, _ in used if c.trust == "paper" and c.d_star_m]
     if assumed:
         text = "Diameter of blocks on the ground taken from the table: {}. Measure it on the site."
-        out.append(phrase(text, ", ".join(assumed)))
+        out.append(_set_up(text, ", ".join(assumed)))
     return out
 
 
@@ -201,7 +195,7 @@ def simulation_warnings(run: MapRun, progress: Progress) -> list[str]:
         if progress.control_lines.arrivals(i) == 0
     ]
     if idle:
-        out.append(phrase("No block reaches: {}.", ", ".join(idle)))
+        out.append(_set_up("No block reaches: {}.", ", ".join(idle)))
     return [
         *out,
         *ground_warnings(ground_shares(run, progress.sums.cells)),
@@ -211,7 +205,7 @@ def simulation_warnings(run: MapRun, progress: Progress) -> list[str]:
 
 def rule_warnings(preset: HazardPreset, frequencies: Mapping[tuple[str, str], float]) -> list[str]:
     """Warn of what a zoning's rules leave open, with blocks per year by area and scenario."""
-    out = preset_unverified(preset)
+    out: list[str] = [_set_up(text) for text in preset_unverified(preset)]
     idle = [f"{area} / {scenario}" for (area, scenario), n in frequencies.items() if n == 0.0]
     if idle:
         out.append(phrase("Onset frequency 0, no hazard: {}.", ", ".join(idle)))
@@ -225,7 +219,7 @@ def sample_words(changed_share: float) -> str:
 
 
 def edge_words(run: MapRun, progress: Progress, open_m: float) -> str:
-    """State in a sentence that blocks were lost at the edge of the terrain; empty without any.
+    """State that blocks were lost at the edge of the terrain; empty without any.
 
     ``open_m`` is the length over which zones go on there (m).
     """

@@ -37,8 +37,7 @@ def zone_symbol(colour: str, *, hatched: bool = False) -> Symbol:
 def hazard_level_style(column: str, levels: Sequence[HazardLevel]) -> VectorStyle:
     """Return zones in the colours of their hazard level, the most severe first in the legend.
 
-    ``column`` holds the code of the level, as "slight"; ``levels`` are from low to high. Hatched
-    levels are stripes on white; a code that is no level is not drawn.
+    ``column`` holds the code of the level; ``levels`` are from low to high.
     """
     return zone_style(column, [(v.code, v.label, v.colour, v.hatched) for v in levels])
 
@@ -50,10 +49,7 @@ def level_change_style(column: str) -> VectorStyle:
 
 
 def uncertain_style() -> VectorStyle:
-    """Return fine black lines over places whose level the sample of blocks does not settle.
-
-    They fall to the right, across the stripes of hatched levels.
-    """
+    """Return fine black lines over uncertain places, falling across the stripes of levels."""
     return VectorStyle(
         Symbol(
             "fill", "#000000", opacity=0.8, outline="#000000", outline_mm=0.15, hatch="falling",
@@ -68,10 +64,7 @@ def open_limit_style() -> VectorStyle:
 
 
 def zone_style(column: str, entries: Sequence[tuple[str, str, str, bool]]) -> VectorStyle:
-    """Make one sign per code, listed from the last.
-
-    Entries are (code, label, ``#rrggbb``, hatched), from low to high.
-    """
+    """Make a sign per code, the last first; entries: code, label, ``#rrggbb``, hatched."""
     return VectorStyle(
         symbol=_ZONE,
         method="categories",

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+import numpy as np
 import pandas as pd
 
 from sassgis.files.vector_layer import VectorLayer
@@ -12,9 +13,7 @@ from sassgis.hazard.design import (
     Arrivals,
     arrivals,
     net_class,
-    passing_rate,
     rocks_beyond,
-    sphere_diameter_m,
     value_at_rate,
     value_limits,
 )
@@ -133,7 +132,8 @@ def protection_table(
         for years in return_periods_years:
             rate = 1.0 / years
             energy, height = (_limited(curve, rate, confidence) for curve in (energies, heights))
-            size = sphere_diameter_m(value_at_rate(masses, rate), density_kgm3)
+            mass = value_at_rate(masses, rate)
+            size = float(np.cbrt(6.0 * mass / (np.pi * density_kgm3)))
             row: dict[str, object] = {
                 "line": line.name,
                 "kind": line.kind,
@@ -147,7 +147,8 @@ def protection_table(
             behind: tuple[float, ...] = (float("nan"),) * 3
             row["behind_per_year"] = float("nan")
             if line.kind != "station":
-                passing = passing_rate(beyond)
+                # Blocks that a barrier takes lie in the first bin.
+                passing = float(beyond.rate[1])
                 row["behind_per_year"] = rounded(passing, 4)
                 if passing > rate:
                     behind = _limited(beyond, rate, confidence)

@@ -15,7 +15,7 @@ import numpy as np
 from jinja2 import Environment, PackageLoader, StrictUndefined, Template
 
 from sassgis.errors import OutputError
-from sassgis.hazard.warnings import describes_set_up
+from sassgis.hazard.warnings import SetUp
 from sassgis.settings.labels import power_of_ten
 from sassgis.settings.languages import current_language, translated, with_translated
 
@@ -179,8 +179,8 @@ _FIRST = 5
 
 
 def first_warnings(warnings: Sequence[str]) -> tuple[str, ...]:
-    """Return the few warnings, in English, about what may make a result wrong."""
-    return tuple(text for text in warnings if not describes_set_up(text))[:_FIRST]
+    """Choose the few warnings for the top of a page: about what may make a result wrong."""
+    return tuple(text for text in warnings if not isinstance(text, SetUp))[:_FIRST]
 
 
 def translated_report(context: ReportContext) -> ReportContext:

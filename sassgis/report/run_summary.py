@@ -7,7 +7,7 @@ import numpy as np
 from sassgis.grid import IntArray
 from sassgis.hazard.assess import Assessment
 from sassgis.hazard.reach_angles import ReachAngles
-from sassgis.hazard.risk import risk_totals
+from sassgis.hazard.risk import total_rows
 from sassgis.hazard.warnings import sample_words
 from sassgis.report.page import ReportTable, sensible
 from sassgis.settings.languages import joined, phrase
@@ -105,9 +105,10 @@ def zone_lines(
         text = "places: {}; computed level changed since below: {}"
         lines.append(("Edited by hand", phrase(text, len(hazard.edits), changed)))
     if found.risk is not None:
-        (total,) = (t for t in risk_totals(found.risk) if t.scope == "all")
+        total = total_rows(found.risk)[-1]
         text = "loss {} {}/year; deaths {} per year; largest individual risk {} per year"
-        loss, deaths = (sensible(total.values[name]) for name in ("loss", "deaths"))
-        risk = phrase(text, loss, currency, deaths, sensible(total.individual_risk))
+        loss, deaths = (sensible(total[f"{name}_per_year"]) for name in ("loss", "deaths"))
+        largest = sensible(total["individual_risk_largest_per_year"])
+        risk = phrase(text, loss, currency, deaths, largest)
         lines.append(("Risk of all exposed objects", risk))
     return tuple(lines)

@@ -14,9 +14,8 @@ from matplotlib.figure import Figure
 from sassgis.grid import FloatArray
 from sassgis.hazard.assess import Assessment, Hazard, Rules, raster
 from sassgis.hazard.curves import source_rate
-from sassgis.hazard.levels import hazard_level
 from sassgis.hazard.preset_labels import energy_labels, period_labels
-from sassgis.hazard.risk import RiskTable, risk_totals
+from sassgis.hazard.risk import RiskTable, total_rows
 from sassgis.hazard.zoning.applied_edits import shares_text
 from sassgis.hazard.zoning.coverage import Coverage
 from sassgis.report import figures
@@ -139,7 +138,7 @@ def zone_figures(
     if found.without is not None:
         both = []
         for one in (found.without, hazard):
-            levels = raster(grid, one.curves.places, hazard_level(one.curves, rules.preset))
+            levels = raster(grid, one.chances.places, one.chances.level)
             drawn = np.where(levels == 0, np.nan, levels).astype(np.float32)
             both.append(replace(level, bands=(replace(level.bands[0], values=drawn),)))
         names = ("Without walls and nets", "With them")
@@ -329,17 +328,19 @@ def _risk_table(risk: RiskTable, without: RiskTable | None, money: str) -> Repor
         + ("" if without is None else "; loss without walls and nets | money; "
            "deaths without walls and nets | 1/year")
     )  # fmt: skip
-    before = [] if without is None else risk_totals(without)
+    before = {} if without is None else {(t["scope"], t["name"]): t for t in total_rows(without)}
     rows = []
-    for total in risk_totals(risk):
+    for total in total_rows(risk):
         row = [
-            total.name, total.scope, rounded(total.values["hits"]), rounded(total.values["loss"]),
-            rounded(total.standard_error["loss"], 2), rounded(total.values["deaths"]),
-            rounded(total.standard_error["deaths"], 2), rounded(total.individual_risk),
+            total["name"], total["scope"], rounded(total["hits_per_year"]),
+            rounded(total["loss_per_year"]), rounded(total["loss_per_year_se"], 2),
+            rounded(total["deaths_per_year"]), rounded(total["deaths_per_year_se"], 2),
+            rounded(total["individual_risk_largest_per_year"]),
         ]  # fmt: skip
         if without is not None:
-            same = next((b for b in before if (b.scope, b.name) == (total.scope, total.name)), None)
-            row += [None if same is None else rounded(same.values[v]) for v in ("loss", "deaths")]
+            same = before.get((total["scope"], total["name"]), {})
+            values = (same.get(f"{name}_per_year") for name in ("loss", "deaths"))
+            row += [None if value is None else rounded(value) for value in values]
         rows.append(row)
     return table_of(
         "Risk of exposed objects",

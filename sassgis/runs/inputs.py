@@ -15,7 +15,7 @@ from sassgis.errors import collected_notices as collected_notices
 from sassgis.files.input_parts import file_digest
 from sassgis.grid import FloatArray, Grid
 from sassgis.hazard.assess import Rules
-from sassgis.hazard.sources import OnsetTable, onset_frequencies
+from sassgis.hazard.sources import onset_frequencies
 from sassgis.hazard.zoning.cell_outlines import check_cells
 from sassgis.inputs.config import FILE_KEYS, profile_control_lines
 from sassgis.inputs.dem import lone_zeros, read_base_map
@@ -29,7 +29,7 @@ from sassgis.inputs.tiles import read_terrain
 from sassgis.inputs.vectors import read_control_lines, read_release, release_names
 from sassgis.settings.exposure import PlacedObjects
 from sassgis.settings.ground import GroundTable
-from sassgis.settings.hazard_rules import HazardPreset
+from sassgis.settings.hazard_rules import HazardPreset, Onset
 from sassgis.settings.map_run import Forest, MapRun, ObjectCells, ReleaseArea
 from sassgis.settings.results import ControlLine
 from sassgis.settings.run_config import Config
@@ -196,12 +196,12 @@ def yearly_frequencies(
 
     The table of frequencies may hold the ``known`` names; default: of the file of release areas.
     """
-    table = OnsetTable({})
+    table: dict[tuple[str, str], Onset] = {}
     file = config.hazard.frequencies
     if file is not None:
         names = release_names(config.release) if known is None else known
-        table = OnsetTable(read_frequencies(file, names, config.block_names), file)
-    return onset_frequencies(areas, config.onsets, table, config.file)
+        table = read_frequencies(file, names, config.block_names)
+    return onset_frequencies(areas, config.onsets, table, file, config.file)
 
 
 def states_frequencies(config: Config) -> bool:

@@ -12,7 +12,7 @@ import numpy as np
 import shapely
 
 from sassgis.grid import FloatArray, IntArray
-from sassgis.hazard.significance import beyond_sampling
+from sassgis.hazard.significance import SampledRates, beyond_sampling
 from sassgis.settings.labels import short
 from sassgis.settings.languages import joined, phrase
 from sassgis.studies.stored_result import StoredResult
@@ -271,14 +271,14 @@ _Both = tuple[StoredResult, StoredResult]
 
 def _certain(both: _Both) -> np.ndarray:
     """Return cells whose reach probability differs by more than both samples explain."""
-    old, new = (r.band(*REACH[:2]).ravel() for r in both)
-    before, after = (r.band(REACH.stem, "standard_error").ravel() for r in both)
-    variances = (
-        np.where(np.isfinite(old), before**2, 0.0),
-        np.where(np.isfinite(new), after**2, 0.0),
-    )
-    of_a_block = (1.0 / max(both[0].blocks, 1), 1.0 / max(both[1].blocks, 1))
-    return beyond_sampling((old, new), variances, of_a_block, (both[0].freedom, both[1].freedom))
+
+    def shares(result: StoredResult) -> SampledRates:
+        reach = result.band(*REACH[:2]).ravel()
+        error = result.band(REACH.stem, "standard_error").ravel()
+        variance = np.where(np.isfinite(reach), error**2, 0.0)
+        return SampledRates(reach, variance, 1.0 / max(result.blocks, 1), result.freedom)
+
+    return beyond_sampling(*map(shares, both))
 
 
 def _map_rows(both: _Both, maps: Sequence[ComparedMap]) -> Iterator[ChangeRow]:

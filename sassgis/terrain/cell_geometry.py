@@ -61,8 +61,8 @@ def height_at(heights: FloatArray, u: float, v: float, row: int, col: int) -> fl
     """Return the height at (u, v), bilinear between the centres of the four cells around.
 
     The point belongs to cell (row, col) or to its border. A missing neighbour is replaced by the
-    height that continues the slope across the cell, so that planes stay planes up to the edge.
-    NaN if the cell itself has no height.
+    height that continues the slope across the cell: planes stay planes up to the edge. NaN if the
+    cell itself has no height.
     """
     n_rows, n_cols = heights.shape
     if 0 < row < n_rows - 1 and 0 < col < n_cols - 1:

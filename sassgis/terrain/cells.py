@@ -18,7 +18,7 @@ Scalar = TypeVar("Scalar", bound=np.generic)
 def cell_stretches(
     grid: Grid, traces: TraceSet
 ) -> tuple[IntArray, FloatArray, IntArray, FloatArray]:
-    """Return grid cells that each fall line passes, in order, with exact border chainages.
+    """Walk each fall line through the grid cells that it passes, in order.
 
     The borders are computed, not sampled: each segment is walked from grid line to grid line
     (J. Amanatides and A. Woo, 1987, A fast voxel traversal algorithm for ray tracing,
@@ -51,10 +51,7 @@ def grown(values: NDArray[Scalar], size: int) -> NDArray[Scalar]:
 
 @lean
 def next_share(start: float, target: float, line: float) -> float:
-    """Return the share of the distance from start to target at which ``line`` is met.
-
-    It is 2 if the line is not met.
-    """
+    """Return the share of the way from start to target at which ``line`` is met; 2 if it is not."""
     if target > start:
         return (line - start) / (target - start) if line <= target else 2.0
     if target < start:
@@ -85,10 +82,7 @@ def _set_border(borders: FloatArray, i: int, s: float, u: float, v: float) -> No
 
 @lean
 def most_steps(u: FloatArray, v: FloatArray, per_cell: float) -> int:
-    """Count the most steps of a walk from grid line to grid line, so many of them per cell.
-
-    ``u`` and ``v`` are its points (cells).
-    """
+    """Count the most steps of a walk over points (cells) from grid line to grid line."""
     n = 0
     for k in range(u.size - 1):
         n += int(per_cell * abs(u[k + 1] - u[k])) + int(per_cell * abs(v[k + 1] - v[k])) + 3
@@ -129,10 +123,7 @@ def _stretches_of_line(
     count: int,
     i: int,
 ) -> int:
-    """Add the stretches of line ``i``, from its first to its last point, to those that there are.
-
-    Returns their number.
-    """
+    """Add the stretches of line ``i``, from its first to its last point; returns their number."""
     _set_border(borders, count + i, s[first], u[first], v[first])
     begin = count
     for k in range(first, last):

@@ -42,18 +42,12 @@ def height_step(values: FloatArray) -> float:
 
 
 def contour_interval(values: FloatArray) -> tuple[float, float]:
-    """Return the interval of contour lines that shows in the heights, and how clearly.
+    """Find the interval (m) of contour lines that shows in the heights; 0 if none does.
 
     Where terrain was interpolated from contour lines, or smoothed after its heights had been
-    rounded, heights crowd near the multiples of the interval.
-
-    Returns
-    -------
-    interval_m : float
-        0 if none shows.
-    crowding : float
-        Share of the heights within a tenth of the interval around a multiple, in the median over
-        the levels; 0.1 where nothing crowds.
+    rounded, heights crowd near the multiples of the interval. The second value is the share of the
+    heights within a tenth of the interval around a multiple, in the median over the levels; 0.1
+    where nothing crowds.
     """
     known = values[np.isfinite(values)]
     best = (0.0, 0.2)
@@ -72,7 +66,7 @@ def contour_interval(values: FloatArray) -> tuple[float, float]:
 
 
 def equal_neighbours(values: FloatArray, dx_m: float, dy_m: float) -> float:
-    """Return share of neighbours of equal height, across ground that rises from one to the other.
+    """Compute the share of neighbours of equal height across rising ground.
 
     Cells that were repeated to make smaller ones, and terraces, show here.
     """
@@ -132,10 +126,10 @@ def inner_holes(values: FloatArray) -> BoolArray:
 
 
 def depression_depth(values: FloatArray) -> FloatArray:
-    """Return the depth of each cell under the level at which its depression would overflow (m).
+    """Compute the depth of each cell under the level at which its depression would overflow (m).
 
-    Depressions are filled from the rim of the terrain inwards by priority flood (Barnes, Lehman
-    and Mulla, 2014, Computers & Geosciences 62, 117-127; not checked against the source). Nodata
+    Depressions are filled from the rim of the terrain inwards by priority flood (Barnes, Lehman and
+    Mulla, 2014, Computers & Geosciences 62, 117-127; not checked against the source). Nodata
     drains.
     """
     filled = _flooded(np.ascontiguousarray(values, np.float64))

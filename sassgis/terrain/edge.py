@@ -44,14 +44,7 @@ def edge_cells(known: BoolArray) -> BoolArray:
 
 
 def edge_sides(grid: Grid) -> tuple[IntArray, NDArray[np.object_]]:
-    """Return sides of cells with a height that border on one without, or on the border of the grid.
-
-    Returns
-    -------
-    cell : int64, shape (n,)
-        Flat index of the cell of each side, ascending.
-    side : LineString, shape (n,)
-    """
+    """Return cells (flat, ascending) at the edge of the terrain, and their sides there (lines)."""
     beside = np.pad(np.isfinite(grid.values), 1)
     cells = np.flatnonzero(edge_cells(beside[1:-1, 1:-1]))
     row, col = np.divmod(cells, grid.shape[1])
@@ -70,19 +63,12 @@ def edge_sides(grid: Grid) -> tuple[IntArray, NDArray[np.object_]]:
     return cell[order], np.array(shapely.linestrings(np.concatenate(lines)[order]), np.object_)
 
 
-def beyond_edge(
-    grid: Grid, x: FloatArray, y: FloatArray, angle_deg: float = ANGLE_DEG
-) -> list[BeyondEdge]:
+def beyond_edge(grid: Grid, x: FloatArray, y: FloatArray) -> list[BeyondEdge]:
     """Find where energy lines from some starts leave the terrain, the farthest of each side.
 
     A line sinks at an angle from the ground at its start (Heim 1932: Fahrböschung) and ends where
-    the terrain rises above it. A part of the starts and of the edge is looked at, evenly chosen,
-    with the highest starts among them.
-
-    Parameters
-    ----------
-    x, y : float64, shape (n,)
-        Starts; those without a height are left out.
+    the terrain rises above it. A part of the starts (x, y) with a height and of the edge is looked
+    at, evenly chosen, with the highest starts among them.
     """
     known = np.isfinite(grid.values)
     rows, cols = np.nonzero(edge_cells(known))
@@ -91,7 +77,7 @@ def beyond_edge(
     starts = _chosen(grid, x, y)
     if not (starts.size and rows.size):
         return []
-    slope = math.tan(math.radians(angle_deg))
+    slope = math.tan(math.radians(ANGLE_DEG))
     there = np.stack(grid.cell_centres(rows * grid.shape[1] + cols), axis=1)
     ground = grid.values[rows, cols]
     found: dict[str, BeyondEdge] = {}

@@ -72,13 +72,7 @@ _LEVEL = 1e-10
 
 
 def fall_line_surface(grid: Grid, settings: TerrainSettings) -> Surface:
-    """Return the smoothed and interpolated terrain on which fall lines are traced.
-
-    Raises
-    ------
-    InputError
-        If the grid has no height at all.
-    """
+    """Smooth and interpolate the terrain on which fall lines are traced."""
     return spline(smoothed(grid, settings.smoothing_m))
 
 
@@ -190,10 +184,7 @@ def _trace_line(
     max_length: float,
     line: FloatArray,
 ) -> tuple[FloatArray, int, int]:
-    """Trace one line into the buffer ``line`` of rows (u, v, s).
-
-    Returns the buffer, its fill and the LineEnd.
-    """
+    """Trace a line into a buffer of rows (u, v, s); returns it, its fill and the LineEnd."""
     line[0, 0], line[0, 1], line[0, 2] = u, v, 0.0
     size = 1
     reason = standing(valid, u, v)
@@ -295,10 +286,7 @@ def _coasting_step(limit: float, rate: float, turn: float, bend: float) -> float
 
 @lean
 def _length(a: float, b: float) -> float:
-    """Return the length of a vector.
-
-    It is several times faster than hypot, as it has no guard against overflow.
-    """
+    """Return the length of a vector, without hypot's guard against overflow, which takes long."""
     return float(np.sqrt(a * a + b * b))
 
 
@@ -363,7 +351,7 @@ def _descend(
     step: float,
     flat: float,
 ) -> tuple[float, float, bool]:
-    """Return mean direction of a Runge-Kutta step of order 4 down the slope, and whether it holds.
+    """Return the mean direction of a Runge-Kutta step down the slope, and whether it holds.
 
     It does not hold if the step meets flat ground or a descent that turns away.
     """
@@ -444,12 +432,10 @@ def _way_open(valid: BoolArray, u0: float, v0: float, u1: float, v1: float) -> t
 
 @lean
 def _closes(line: FloatArray, size: int) -> bool:
-    """Return whether the last point lies near an earlier part of the line.
-
-    A point at distance d rules out all others within d less the limit along the line, so
-    a line that leads away costs next to nothing.
-    """
+    """Return whether the last point lies near an earlier part of the line."""
     u, v, s = line[size - 1, 0], line[size - 1, 1], line[size - 1, 2]
+    # A point at distance d rules out all others within d less the limit along the line, so that a
+    # line that leads away costs next to nothing.
     k = 0
     while k < size - 1 and s - line[k, 2] > _LOOP_WAY:
         distance = _length(u - line[k, 0], v - line[k, 1])

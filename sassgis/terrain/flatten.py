@@ -33,26 +33,13 @@ def profiles(
 ) -> ProfileSet:
     """Flatten fall lines into profiles of straight segments.
 
-    Heights are those of the DEM as it is, bilinear between cell centres, sampled wherever the line
-    crosses a border or a middle line of a cell, and at its points. The samples are then
-    thinned (U. Ramer, 1972; D. H. Douglas and T. K. Peucker, 1973, with the vertical distance)
-    so that no sample is farther from the segments than the tolerance. Where the ground class
-    changes, which is at borders of cells, a vertex is always kept. Each profile depends only on its
-    line alone; a line of a single point gives a single vertex and no stretch.
-
-    Parameters
-    ----------
-    grid : Grid
-        The DEM as it is, not smoothed.
-    ground : int32, shape of the grid
-        Ground class of each cell.
-    segment_tolerance_m : float
-        Largest vertical distance between a sample and the segments (m).
-
-    Raises
-    ------
-    InputError
-        If the ground classes are not on the grid.
+    Heights are those of the DEM as it is, not smoothed, bilinear between cell centres, sampled
+    wherever the line crosses a border or a middle line of a cell, and at its points. The samples
+    are then thinned (U. Ramer, 1972; D. H. Douglas and T. K. Peucker, 1973, with the vertical
+    distance) so that no sample is farther from the segments than the tolerance (m). Where the
+    ground class of the cells changes, a vertex is always kept. Each profile depends only on its
+    line; a line of a single point gives a single vertex and no stretch. Raises InputError if the
+    ground classes are not on the grid.
     """
     if ground.shape != grid.shape:
         raise InputError(
@@ -90,12 +77,7 @@ def chainage_to_xy(
 ) -> tuple[FloatArray, FloatArray]:
     """Return coordinates (m) of chainages (m) on their lines; NaN for one that is not on its line.
 
-    ``line`` and ``s`` are broadcast.
-
-    Raises
-    ------
-    IndexError
-        If there is no such line.
+    ``line`` and ``s`` are broadcast; IndexError if there is no such line.
     """
     lines, chainages = np.broadcast_arrays(np.asarray(line, np.int64), np.asarray(s, np.float64))
     shape = lines.shape
@@ -113,7 +95,7 @@ def xy_to_chainage(
 ) -> tuple[FloatArray, FloatArray]:
     """Return the chainage of a line's point nearest to points of the map, and the distance (m).
 
-    ``line``, ``x`` and ``y`` are broadcast. If two points are equally near, the chainage is the
+    ``line``, ``x`` and ``y`` are broadcast. Of two points that are equally near the chainage is the
     smaller one. The distance is positive to the right of the line in its direction.
     """
     lines, xs, ys = np.broadcast_arrays(
@@ -125,23 +107,11 @@ def xy_to_chainage(
 
 
 def crossings(traces: TraceSet, control_line_line: FloatArray) -> tuple[IntArray, FloatArray]:
-    """Find where a polyline on the map is crossed by fall lines.
+    """Find where a polyline on the map, shape (k, 2), is crossed by fall lines.
 
-    Parameters
-    ----------
-    control_line_line : float64, shape (k, 2)
-        Vertices of the polyline (m).
-
-    Returns
-    -------
-    line, s : int64 and float64, shape (n,)
-        Line of each crossing, rising, and its chainage (m), rising within a line. A line that runs
-        along a segment of the polyline does not cross that segment.
-
-    Raises
-    ------
-    InputError
-        If the polyline has fewer than two vertices.
+    Returns the line of each crossing, rising, and its chainage (m), rising within a line. A line
+    that runs along a segment of the polyline does not cross that segment. Raises InputError if the
+    polyline has fewer than two vertices.
     """
     control_line = np.ascontiguousarray(control_line_line, np.float64)
     if (
@@ -229,11 +199,9 @@ def _sample(
     gap: float,
     out: _Samples,
 ) -> int:
-    """Fill in the samples of a line; returns their number.
-
-    The line is walked over a grid of half cells: whole numbers of 2u are borders of cells and
-    middle lines in turn, and between them the bilinear height has no kink.
-    """
+    """Fill in the samples of a line; returns their number."""
+    # The line is walked over a grid of half cells: whole numbers of 2u are borders of cells and
+    # middle lines in turn, and between them the bilinear height has no kink.
     n_rows, n_cols = heights.shape
     size = 1
     cell = cell_index(u[0], v[0], n_rows, n_cols)

@@ -10,7 +10,7 @@ from sassgis.terrain.cell_geometry import cell_index, height_at
 
 
 def heights_at(grid: Grid, x: FloatArray, y: FloatArray) -> FloatArray:
-    """Return height of the DEM as it is (m), bilinear between cell centres, as profiles have it.
+    """Compute heights of the DEM as it is (m), bilinear between cell centres, as profiles do.
 
     NaN outside the DEM, over nodata and where a coordinate is missing.
     """

@@ -33,7 +33,7 @@ class MovedLine:
 def moved_lines(
     grid: Grid, lines: Sequence[tuple[ControlLine, FloatArray]]
 ) -> tuple[MovedLine, ...]:
-    """Return copies of each line by MOVES_M along the mean fall of the ground below it.
+    """Copy each line by MOVES_M along the mean fall of the ground below it.
 
     Those that leave the terrain are left out; none are made where the ground is level, or where
     there would be more than MOST_COPIES.

@@ -44,13 +44,8 @@ def points_along(
 ) -> tuple[FloatArray, FloatArray]:
     """Place so many points along the narrow parts of a polygon, each for an equal area of them.
 
-    Returns
-    -------
-    places : float64, shape (count, 2)
-        On the middle line (m).
-    sides : float64, shape (count, 2, 2)
-        As in ReleasePoints: about the area of a point, or the square of the lattice where that is
-        bent or in several parts.
+    Returns places on the middle line (m), shape (count, 2), and their sides as in ReleasePoints:
+    about the area of a point, or the square of the lattice where that is bent or in several parts.
     """
     walks = [_walk(part, _EDGE * spacing_m) for part in parts]
     area = np.cumsum(np.concatenate([own for own, _ in walks]))
@@ -71,11 +66,7 @@ def points_along(
     width = np.minimum(of_point / np.where(straight, length, 1.0), spacing_m)
     across = np.column_stack([along[:, 1], -along[:, 0]])
     across *= (width / np.where(straight, length, 1.0))[:, None]
-    sides = np.where(
-        straight[:, None, None],
-        np.stack([along, across], axis=1),
-        square(spacing_m),
-    )
+    sides = np.where(straight[:, None, None], np.stack([along, across], axis=1), square(spacing_m))
     return place, sides
 
 
@@ -85,15 +76,7 @@ def square(side_m: float) -> FloatArray:
 
 
 def _walk(part: shapely.Polygon, edge_m: float) -> tuple[FloatArray, FloatArray]:
-    """Return triangles of a narrow part from one end to the other, branch by branch.
-
-    Returns
-    -------
-    area : float64, shape (n,)
-        Of each triangle (m²).
-    middle : float64, shape (n, 2)
-        Where the walk enters it (m): the middle of an edge across the part.
-    """
+    """Return areas of the triangles of a part, end to end, and where the walk enters each."""
     mesh = shapely.get_parts(
         shapely.constrained_delaunay_triangles(shapely.segmentize(part, edge_m))
     )

@@ -61,8 +61,8 @@ def nodata_traces(values: FloatArray, cell_m: float) -> NodataTraces:
     """Find what numbers for nodata have left in heights (m), which are NaN where nothing is known.
 
     Found are areas that walls part from all else and that lie far below what is behind the walls;
-    cells of walls far below all nearby ground, as of small holes and at the edge of the model;
-    and rims of nodata of which the most part is a wall, all up or all down.
+    cells of walls far below all nearby ground, as of small holes and at the edge of the model; and
+    rims of nodata of which the most part is a wall, all up or all down.
     """
     slope = math.tan(math.radians(_WALL_DEG)) * cell_m
     wall_m, far_m = max(_WALL_M, slope), max(_FAR_M, _WITHIN * slope)
@@ -124,10 +124,7 @@ def _walls(values: FloatArray, wall_m: float) -> tuple[BoolArray, BoolArray]:
 def _areas_below(
     values: FloatArray, calm: BoolArray, beside: IntArray, cluster: IntArray, far_m: float
 ) -> BoolArray:
-    """Return areas of calm cells that are parted by walls from all else and lie far below it.
-
-    ``beside`` are the calm cells next to walls (flat indices), ``cluster`` the walls of each.
-    """
+    """Return areas of calm cells, parted by walls from all else, that lie far below it."""
     areas, n_areas = ndimage.label(calm)
     area = areas.ravel()[beside]
     above, below = _relief(values, beside, _OVERSHOT)
@@ -148,17 +145,10 @@ def _areas_below(
 
 def _relief(values: FloatArray, cells: IntArray, within: int) -> tuple[FloatArray, FloatArray]:
     """Measure how far the ground within some cells of others (flat indices) rises and falls (m)."""
-    row, col = np.divmod(cells, values.shape[1])
-    own = values.ravel()[cells]
-    above, below = np.zeros(cells.size), np.zeros(cells.size)
-    for down in range(-within, within + 1):
-        for right in range(-within, within + 1):
-            r = np.clip(row + down, 0, values.shape[0] - 1)
-            c = np.clip(col + right, 0, values.shape[1] - 1)
-            gap = values[r, c] - own
-            np.fmax(above, gap, out=above)
-            np.fmax(below, -gap, out=below)
-    return above, below
+    size, own = 2 * within + 1, values.ravel()[cells]
+    highest = ndimage.maximum_filter(np.nan_to_num(values, nan=-np.inf), size, mode="nearest")
+    lowest = ndimage.minimum_filter(np.nan_to_num(values, nan=np.inf), size, mode="nearest")
+    return highest.ravel()[cells] - own, own - lowest.ravel()[cells]
 
 
 def _rims(values: FloatArray, known: BoolArray, low: BoolArray, far_m: float) -> BoolArray:

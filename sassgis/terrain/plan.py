@@ -49,13 +49,7 @@ class Plan:
 
 
 def placed_points(run: MapRun) -> ReleasePoints:
-    """Return the release points of a run.
-
-    Raises
-    ------
-    InputError, ConfigError
-        As sassgis.terrain.release.release_points.
-    """
+    """Place the release points of a run; errors are those of release.release_points."""
     return release_points([(a.name, a.geometry) for a in run.areas], run.release, run.seed)
 
 

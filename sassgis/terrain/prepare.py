@@ -46,21 +46,12 @@ class PreparedLines:
         return last
 
     def starts(self, moved_m: FloatArray) -> FloatArray:
-        """Return chainages between which blocks start, shape (n, 2).
-
-        ``moved_m`` as in Plan, by line.
-        """
+        """Return chainages between which blocks start, (n, 2); ``moved_m`` as in Plan, by line."""
         return np.column_stack([np.zeros(len(self)), np.minimum(2.0 * moved_m, self.length_m)])
 
 
 def prepare_lines(run: MapRun, traces: TraceSet) -> PreparedLines:
-    """Flatten traced lines, keep those that are usable, and find what they cross.
-
-    Parameters
-    ----------
-    traces : TraceSet
-        As of sassgis.terrain.fall_lines.trace.
-    """
+    """Flatten traced lines, keep those that are usable, and find what they cross."""
     flat = profiles(run.heights, traces, run.ground, run.terrain.segment_tolerance_m)
     good = usable(traces, SHORTEST_LINE_M) & (np.diff(flat.offset) >= 2)
     lines, kept = take_lines(traces, good), take_profiles(flat, good)
@@ -101,7 +92,7 @@ def draw_keys(
 
 
 def drawn_lines(traces: TraceSet, grid: Grid, points: IntArray) -> FallLines:
-    """Return lines of some release points (their numbers in the plan), thinned for drawing.
+    """Thin lines of some release points (their numbers in the plan) for drawing.
 
     They lie within a tenth of a cell of the traced ones.
     """

@@ -34,20 +34,9 @@ def release_points(
     points of polygons are those of points_in_polygon. Random ones are as many as area / spacing²,
     uniform, drawn from the seed and the name of the area.
 
-    Parameters
-    ----------
-    areas : sequence of (name, geometry)
-        Names must be distinct: they are the identity of the points. Coordinates in the system of
-        the DEM (m).
-    release : ReleaseSettings
-        Their spacing and placement count.
-    seed : int
-        Of the random placement.
-
-    Raises
-    ------
-    InputError
-        If a name occurs twice, a geometry is missing, empty or invalid, or the points are too many.
+    Names of the areas, which are the identity of the points, must be distinct, and coordinates be
+    in the system of the DEM (m). Raises InputError if a name occurs twice, a geometry is missing,
+    empty or invalid, or the points are too many.
     """
     names = tuple(name for name, _ in areas)
     for name, count in Counter(names).items():
@@ -117,19 +106,13 @@ def point_keys(name: str, count: int) -> NDArray[np.uint64]:
 
 
 def points_in_polygon(polygon: shapely.Polygon, spacing_m: float) -> tuple[FloatArray, FloatArray]:
-    """Return points that fill a polygon: on a lattice, and along the parts too narrow for it.
+    """Fill a polygon with points: on a lattice, and along the parts too narrow for it.
 
     The lattice has coordinates that are whole multiples of the spacing; its points come first, from
     north to south and west to east. Parts narrower than the spacing have as many as their area /
     spacing², wherever the lattice lies (sassgis.terrain.narrow_parts). A polygon that would have
-    none has its representative point.
-
-    Returns
-    -------
-    places : float64, shape (n, 2)
-        Coordinates (m).
-    sides : float64, shape (n, 2, 2)
-        As in ReleasePoints.
+    none has its representative point. Returns places (m), shape (n, 2), and their sides as in
+    ReleasePoints.
     """
     west, south, east, north = shapely.bounds(polygon)
     # A narrow polygon across the lattice has far more of its points around it than in it.
@@ -167,12 +150,8 @@ def random_points_in_polygon(
 ) -> FloatArray:
     """Draw uniform points in a polygon, area / spacing² of them, one or more, shape (n, 2).
 
-    Seed and name of the release area decide the draws.
-
-    Raises
-    ------
-    InputError
-        If the polygon is so thin that no draw hits it.
+    Seed and name of the release area decide the draws. Raises InputError if the polygon is so thin
+    that no draw hits it.
     """
     count = max(1, round(float(shapely.area(polygon)) / spacing_m**2))
     digest = hashlib.sha256(f"release area\x00{seed}\x00{name}".encode()).digest()
@@ -248,10 +227,7 @@ def _simple_parts(geometry: BaseGeometry) -> list[BaseGeometry]:
 
 
 def meeting(shapes: Sequence[BaseGeometry | FloatArray], grid: Grid) -> tuple[int, ...]:
-    """Find which of some shapes meet the rectangle of a grid.
-
-    Lines may be given as coordinates.
-    """
+    """Find which shapes, of which lines may be coordinates, meet the rectangle of a grid."""
     box = shapely.box(*grid.bounds)
     return tuple(
         i

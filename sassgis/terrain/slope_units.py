@@ -82,10 +82,7 @@ class SlopeUnits:
 
 
 def slopes_deg(values: FloatArray, dx_m: float, dy_m: float) -> FloatArray:
-    """Return slope of each cell (degrees) from central differences; NaN without known neighbours.
-
-    Cells need not be square.
-    """
+    """Compute the slope of each cell (degrees) from central differences; NaN without neighbours."""
     down = np.asarray(np.gradient(values, dy_m, axis=0))
     right = np.asarray(np.gradient(values, dx_m, axis=1))
     slopes: FloatArray = np.degrees(np.arctan(np.hypot(down, right)))
@@ -93,7 +90,7 @@ def slopes_deg(values: FloatArray, dx_m: float, dy_m: float) -> FloatArray:
 
 
 def wall_share(slopes: FloatArray) -> float:
-    """Return the share of the cells that are steeper than WALL_DEG.
+    """Compute the share of the cells that are steeper than WALL_DEG.
 
     More than WALL_SHARE is no terrain: heights or cells are in another unit. The limits are expert
     judgement of ours.
@@ -103,17 +100,12 @@ def wall_share(slopes: FloatArray) -> float:
 
 
 def slope_units(slopes: FloatArray) -> SlopeUnits:
-    """Take the distribution of slope angles apart.
+    """Take the distribution of slope angles (degrees; NaN is left out) apart.
 
     Each cell counts with its surface, its area in plan divided by the cosine of its slope, as steep
     ground is small on a map. The Gaussians are fitted by least squares to the roots of the shares,
     which weighs rare steep cells as their number allows. The fewest units are taken that fit about
-    as well as all of them. ``slopes`` are in degrees, of any shape; NaN is left out.
-
-    Raises
-    ------
-    InputError
-        If there are too few cells, or no cliffs among them.
+    as well as all of them. Raises InputError if there are too few cells, or no cliffs among them.
     """
     known = slopes[np.isfinite(slopes)]
     if known.size < LEAST_CELLS:
@@ -156,10 +148,7 @@ def _fewest_units(distribution: FloatArray, cells: int) -> tuple[list[SlopeUnit]
 
 
 def _fitted(distribution: FloatArray, names: Sequence[str]) -> tuple[list[SlopeUnit], float]:
-    """Return the best fit with these units, and half the sum of squares of its residuals.
-
-    That is the squared Hellinger distance.
-    """
+    """Return the best fit with these units, and its squared Hellinger distance."""
     # Takes long to load, and only this needs it.
     from scipy import optimize
 
@@ -211,13 +200,11 @@ def cliff_patches(
     rock: BoolArray | None = None,
     rock_deg: float = 90.0,
 ) -> NDArray[np.int32]:
-    """Return number of the patch of connected cells that are steep enough, from 1 by falling size.
+    """Number the patches of connected cells that are steep enough, from 1 by falling size.
 
-    It is 0 elsewhere.
-
-    Cells count from ``threshold_deg`` on, those known to be ``rock`` from ``rock_deg`` on. Patches
-    of less than ``least_cells`` are left out. Cells that touch at a corner only are in different
-    patches.
+    Cells count from ``threshold_deg`` on, those known to be ``rock`` from ``rock_deg`` on. All
+    others have 0, and so have patches of less than ``least_cells``. Cells that touch at a corner
+    only are in different patches.
     """
     steep = slopes >= threshold_deg
     if rock is not None:

@@ -22,14 +22,7 @@ def moved_uphill(
 
     A lattice point represents a square of the release area; its blocks start on the fall line
     within half the spacing above and below it. Those ``inside`` are moved by ``distance_m``, or not
-    where the ground is level or unknown.
-
-    Returns
-    -------
-    points : ReleasePoints
-        Keys and areas unchanged.
-    moved : float64, shape (n,)
-        How far each has been moved (m).
+    where the ground is level or unknown. Returns the points, and how far each has been moved (m).
     """
     height, gx, gy = evaluate(surface, points.x, points.y)
     slope = np.hypot(gx, gy)

@@ -54,12 +54,8 @@ def surface(grid: Grid) -> Surface:
     """Interpolate a grid by a cubic B-spline.
 
     Nodata is filled, and the rim extrapolated, so that a plane stays a plane up to the last cell;
-    points in cells without a height are nevertheless invalid.
-
-    Raises
-    ------
-    InputError
-        If no cell has a height.
+    points in cells without a height are nevertheless invalid. Raises InputError if no cell has a
+    height.
     """
     valid = np.isfinite(grid.values)
     n_rows, n_cols = grid.shape
@@ -87,17 +83,8 @@ def smoothed(grid: Grid, scale_m: float) -> Grid:
     Gaussian weights (local linear regression: W. S. Cleveland, 1979, J. Am. Stat. Assoc. 74,
     829-836). Where the surroundings are complete this is the ordinary Gaussian mean; at an edge it
     is not drawn towards the inside, and a plane is returned as it was. The result is NaN where
-    ``grid`` is NaN, and nowhere else.
-
-    Parameters
-    ----------
-    scale_m : float
-        Standard deviation of the Gaussian (m); 0 returns the grid itself.
-
-    Raises
-    ------
-    InputError
-        If no cell has a height.
+    ``grid`` is NaN, and nowhere else. ``scale_m`` is the standard deviation (m); 0 returns the grid
+    itself. Raises InputError if no cell has a height.
     """
     valid = np.isfinite(grid.values)
     trend = _plane(grid.values, valid)
@@ -110,18 +97,17 @@ def smoothed(grid: Grid, scale_m: float) -> Grid:
 
 
 def block_scale_grid(grid: Grid, scale_m: float) -> Grid:
-    """Return heights without what is smaller than a block.
+    """Smooth away what is smaller than a block of a diameter (m); planes stay as they are.
 
     A block that bridges a bump does not feel its flanks as slopes; the slope variation of the
-    ground class represents them. Planes stay as they are, and cells without a height. ``scale_m``
-    is the diameter of the block (m); with cells as wide as that or wider the grid holds no such
+    ground class represents them. With cells as wide as the block or wider the grid holds no such
     detail, and is returned itself.
     """
     return grid if scale_m <= grid.cell_size else smoothed(grid, SD_PER_DIAMETER * scale_m)
 
 
 def evaluate(surface: Surface, x: FloatArray, y: FloatArray) -> tuple[FloatArray, ...]:
-    """Return height (m) of a surface and its gradient (m per m, eastward and northward) at points.
+    """Compute height (m) and gradient (m per m, eastward and northward) of a surface at points.
 
     NaN where the cell that holds the point has no height, and outside the grid.
     """
@@ -194,11 +180,11 @@ def _step(plane: FloatArray, axis: int) -> float:
 def _local_linear(
     heights: FloatArray, valid: BoolArray, scale: float, general: tuple[float, float]
 ) -> FloatArray:
-    """Return Gaussian-weighted local linear regression.
+    """Compute Gaussian-weighted local linear regression; NaN where invalid.
 
     ``scale`` in cells; ``general`` is the rise per row and per column where the surroundings carry
-    no separate slope. NaN where invalid. What a cell gets depends only on its surroundings, to
-    the last bit, except where ``general`` is used.
+    no separate slope. What a cell gets depends only on its surroundings, to the last bit, except
+    where ``general`` is used.
     """
     radius = max(1, int(np.ceil(GAUSSIAN_ENDS * scale)))
     offset = np.arange(-radius, radius + 1, dtype=np.float64)
@@ -219,10 +205,7 @@ def _local_linear(
 
 
 def _correlated(values: FloatArray, by_row: FloatArray, by_col: FloatArray) -> FloatArray:
-    """Return weighted sums over the surroundings of each cell.
-
-    Beyond the edges there is nothing.
-    """
+    """Return weighted sums over the surroundings of each cell, without what is beyond the edges."""
     once = ndimage.correlate1d(values, by_row, axis=0, mode="constant")
     twice: FloatArray = ndimage.correlate1d(once, by_col, axis=1, mode="constant")
     return twice

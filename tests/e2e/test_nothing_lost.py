@@ -92,13 +92,12 @@ def refused(site: Path, call, monkeypatch: pytest.MonkeyPatch, *command: object)
     return error_of(err)
 
 
-@pytest.mark.parametrize("name", ["run", "zone"])
 def test_overwrite_stops_at_a_file_of_the_user(
-    site: Path, call, printed, name: str, monkeypatch: pytest.MonkeyPatch
+    site: Path, call, printed, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """The configuration and the terrain of the next run, kept in the result of the last."""
-    again = command(site, name, "--overwrite")
-    printed(*command(site, name))
+    again = command(site, "run", "--overwrite")
+    printed(*command(site, "run"))
     for own in ("config.toml", "dem.tif"):
         mine = site / "out" / own
         mine.write_bytes((site / own).read_bytes())
@@ -220,7 +219,7 @@ def test_workers_that_are_killed_as_they_start_change_nothing(
 
 
 @pytest.mark.skipif(not Path("/proc/self/task").exists(), reason="processes are found in /proc")
-@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT, signal.SIGHUP])
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
 def test_a_run_whose_workers_are_stopped_can_be_ended(site: Path, number: signal.Signals) -> None:
     """As they are stopped while they start, nothing is computed; what there is, is saved."""
     arguments = ("run", site / "config.toml", "-o", site / "out", "--workers", "2")
@@ -294,8 +293,7 @@ FAULTS = {
 
 
 @pytest.mark.parametrize(
-    "fault",
-    [f if f == "full disk" else pytest.param(f, marks=pytest.mark.battery) for f in FAULTS],
+    "fault", [f if f == "full disk" else pytest.param(f, marks=pytest.mark.battery) for f in FAULTS]
 )
 def test_a_batch_keeps_what_was_done_before_a_fault(
     site: Path, disk: Path, call, printed, fault: str, monkeypatch: pytest.MonkeyPatch

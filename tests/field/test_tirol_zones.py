@@ -21,10 +21,7 @@ import shapely
 pytestmark = pytest.mark.battery
 
 #: Terrain model, release polygons, distance between release points (m).
-PLACES = {
-    "kot": ("tirol_avaKot/avaKot.asc", "tirol_avaKot/REL/relKot.shp", 20.0),
-    "gar": ("tirol_avaGar/avaGar.asc", "tirol_avaGar/REL/relGar.shp", 20.0),
-}
+DEM, RELEASE, SPACING = "tirol_avaGar/avaGar.asc", "tirol_avaGar/REL/relGar.shp", 20.0
 LEVELS = ["residual_hazard", "slight", "mean", "substantial"]
 #: Runs the zoning and tells its peak memory (KiB on Linux).
 MEASURED = """
@@ -35,14 +32,14 @@ print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss)
 """
 
 
-def config_text(folder: Path, dem: str, release: str, spacing: float) -> str:
+def config_text(folder: Path) -> str:
     return f"""
 [terrain]
-dem = {json.dumps(str(folder / dem))}
+dem = {json.dumps(str(folder / DEM))}
 crs = "EPSG:31287"
 [release]
-file = {json.dumps(str(folder / release))}
-spacing_m = {spacing}
+file = {json.dumps(str(folder / RELEASE))}
+spacing_m = {SPACING}
 rocks_per_point = 10
 [ground]
 default = "debris"
@@ -63,17 +60,14 @@ onset_frequency = 0.3
 """
 
 
-@pytest.fixture(scope="module", params=list(PLACES))
-def made(
-    request: pytest.FixtureRequest, shared_data: Path, tmp_path_factory: pytest.TempPathFactory
-) -> tuple[Path, int]:
+@pytest.fixture(scope="module")
+def made(shared_data: Path, tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, int]:
     """Folder of the result, peak memory (MiB)."""
-    dem, release, spacing = PLACES[request.param]
-    if not (shared_data / dem).is_file():
-        pytest.skip(f"{dem} is not in the folder of the field data")
-    folder = tmp_path_factory.mktemp(request.param)
+    if not (shared_data / DEM).is_file():
+        pytest.skip(f"{DEM} is not in the folder of the field data")
+    folder = tmp_path_factory.mktemp("zones")
     config = folder / "config.toml"
-    config.write_text(config_text(shared_data, dem, release, spacing), encoding="utf-8")
+    config.write_text(config_text(shared_data), encoding="utf-8")
     done = subprocess.run(
         [sys.executable, "-c", MEASURED, str(config), str(folder / "result")],
         capture_output=True, text=True, check=True,

@@ -43,18 +43,6 @@ def test_rate_and_variance_worked_by_hand() -> None:
     np.testing.assert_allclose(drawn.variance, [[0.025**2 * 8.5, 0.025**2 * 1.5, 0.0]])
 
 
-def test_variance_is_that_of_the_reach_probability() -> None:
-    reach, square = np.array([6, 11]), np.array([14, 41])
-    for random_points in (False, True):
-        source = Source("A", "m", 2.0, 20, 4, random_points)
-        curves = hazard_curves(
-            [source], [SourceCounts(np.arange(2), reach[:, None], square[:, None])], [0.0]
-        )
-        p, error = reach_probability(reach, square, Sample(20, 4, 5, random_points))
-        np.testing.assert_allclose(curves.rate[:, 0], 2.0 * p)
-        np.testing.assert_allclose(np.sqrt(curves.variance[:, 0]), 2.0 * error)
-
-
 @pytest.mark.parametrize(
     ("rocks", "per_line", "random_points"), [(5, 1, False), (5, 5, True)], ids=["n = 1", "L = 1"]
 )
@@ -81,7 +69,7 @@ def random_area(seed: int, area: str) -> tuple[list[Source], list[SourceCounts]]
     return sources, counts
 
 
-@pytest.mark.parametrize("seed", range(20))
+@pytest.mark.parametrize("seed", range(5))
 def test_two_areas_together_are_bit_for_bit_the_sum_of_each(seed: int) -> None:
     north, south = random_area(2 * seed, "north"), random_area(2 * seed + 1, "south")
     # The scenarios of the areas come mixed: what counts is the area.
@@ -150,14 +138,6 @@ def test_curves_refuse_energies_that_do_not_fit() -> None:
         at_energies(curves_of([[1, 1, 1]]), (0.0, 40.0))
 
 
-def test_curves_at_some_energies() -> None:
-    curves = curves_of([[4, 3, 2, 1]], [[8, 7, 6, 5]], 1, (0, 10, 30, 300))
-    few = at_energies(curves, (0.0, 30.0))
-    assert few.energies_kj.tolist() == [0.0, 30.0]
-    assert few.rate.tolist() == [[4.0, 2.0]]
-    assert few.variance.tolist() == [[8.0, 6.0]]
-
-
 # ---------------------------------------------------------------------------------------------
 # Return periods
 
@@ -183,11 +163,8 @@ def test_energy_at_a_return_period_by_hand() -> None:
     # More often than rocks come; beyond the end of the curve.
     assert np.isnan(energy_at(curves, 0.5))
     np.testing.assert_allclose(energy_at(curves, 1e5), 1000.0)
-
-
-def test_energy_up_to_where_no_rock_comes() -> None:
+    # Up to where no rock comes λ falls evenly: half is left at half the logarithm of the way.
     curves = curves_of([[1.0, 0.1, 0.0]], energies=(0, 10, 1000))
-    # λ falls evenly from 0.1 to 0: half of it is left at half the logarithm of the way.
     np.testing.assert_allclose(energy_at(curves, 20.0), 100.0)
 
 
@@ -289,7 +266,7 @@ def test_standard_errors_tell_the_spread_of_samples_and_intervals_hold_the_rate(
     true = sum(s.frequency * c.mean(axis=1) for s, c in zip(SEVERAL, chances, strict=True))
     energies = np.array([0.0, 30.0])
     rates, variances, held, missed_low, missed_high = [], [], [], [], []
-    samples = 800
+    samples = 400
     for _ in range(samples):
         counts = [drawn_counts(rng, s, c) for s, c in zip(SEVERAL, chances, strict=True)]
         curves = hazard_curves(SEVERAL, counts, energies)
@@ -305,11 +282,11 @@ def test_standard_errors_tell_the_spread_of_samples_and_intervals_hold_the_rate(
         np.abs(np.mean(rates, axis=0) - true), 4.0 * np.sqrt(spread / samples) + 1e-15
     )
     np.testing.assert_allclose(np.mean(variances, axis=0), spread, rtol=0.25)
-    # At least 95 %, less what 800 samples may be off by chance (four times 0.8 %).
-    assert np.mean(held, axis=0).min() > 0.95 - 0.031
+    # At least 95 %, less what 400 samples may be off by chance (four times 1.1 %).
+    assert np.mean(held, axis=0).min() > 0.95 - 0.044
     # A rate is never taken for too low more often than is said.
-    assert np.mean(missed_low, axis=0).max() < 0.025 + 0.022
-    assert np.mean(missed_high, axis=0).max() < 0.025 + 0.022
+    assert np.mean(missed_low, axis=0).max() < 0.025 + 0.031
+    assert np.mean(missed_high, axis=0).max() < 0.025 + 0.031
 
 
 def test_blocks_that_never_start_are_in_no_denominator():

@@ -12,23 +12,23 @@ from sassgis.hazard.measured_motion import (
     size_warnings,
 )
 from sassgis.settings.blocks import BlockPopulation
+from sassgis.settings.built_in_rows import built_in_rows
 
 SMALL = BlockPopulation("small", (0.2, 0.2), (0.2, 0.2), (0.1, 0.2))
 LARGE = BlockPopulation("large", volume_m3=(0.2, 3.0))
 
 
 def test_the_table_rises_and_names_its_sources() -> None:
-    rows = measured_motion()
-    assert np.all(np.diff([row.volume_to_m3 for row in rows]) > 0.0)
-    assert all(row.source for row in rows)
+    assert np.all(np.diff([row["volume_to_m3"] for row in measured_motion()]) > 0.0)
+    assert all(row["source"] for row in built_in_rows("measured_motion"))
 
 
 def test_the_class_of_a_size_is_that_of_its_largest_block() -> None:
     assert SMALL.largest_volume_m3 == pytest.approx(4.0 / 3.0 * np.pi * 0.2**3)
     assert LARGE.largest_volume_m3 == 3.0
     first, *_, last = measured_motion()
-    assert measured_at(0.5 * first.volume_to_m3) is first
-    assert measured_at(10.0 * last.volume_to_m3) is last
+    assert measured_at(0.5 * first["volume_to_m3"]) is first
+    assert measured_at(10.0 * last["volume_to_m3"]) is last
 
 
 def test_only_scenarios_beyond_all_measurements_are_told() -> None:
@@ -38,7 +38,7 @@ def test_only_scenarios_beyond_all_measurements_are_told() -> None:
 
 
 def test_maps_beyond_measurements_are_told_with_how_far() -> None:
-    limit = measured_at(3.0).speed_mps
+    limit = measured_at(3.0)["speed_mps"]
     speed = np.full((10, 10), np.nan)
     speed[:5] = 0.5 * limit
     within = {"speed_mps": speed, "height_m": np.zeros((10, 10))}

@@ -10,12 +10,7 @@ import pytest
 from scipy.stats import chi2, poisson
 
 from sassgis.errors import InputError
-from sassgis.hazard.volume_frequency import (
-    BlockSurvey,
-    fit_power_law,
-    fit_test,
-    higher_thresholds,
-)
+from sassgis.hazard.volume_frequency import BlockSurvey, fit_power_law, fit_test, higher_thresholds
 
 V0, B = 0.05, 0.8
 EDGES = np.array([V0, 0.1, 0.2, 0.5, 1.0, 2.0, 5.0, math.inf])
@@ -58,22 +53,13 @@ def test_a_table_with_counts_is_the_list_of_its_blocks() -> None:
     assert one.value == pytest.approx(every.value) and one.upper == pytest.approx(every.upper)
 
 
-def test_classes_as_narrow_as_wanted_are_the_list() -> None:
-    v = drawn(100, 3)
-    narrow = BlockSurvey(v, v * (1 + 1e-6), np.ones(v.size))
-    assert fit_power_law(narrow, V0).exponent.value == pytest.approx(
-        fit_power_law(listed(v), V0).exponent.value, rel=1e-4
-    )
-
-
 def test_a_largest_volume_that_is_far_away_changes_nothing() -> None:
     v = drawn(100, 4)
     far = fit_power_law(listed(v), V0, 1e30).exponent.value
     assert far == pytest.approx(fit_power_law(listed(v), V0).exponent.value, rel=1e-6)
 
 
-@pytest.mark.parametrize("up_to", [math.inf, 20.0])
-@pytest.mark.parametrize("survey", [listed, counted])
+@pytest.mark.parametrize(("survey", "up_to"), [(listed, math.inf), (counted, 20.0)])
 def test_intervals_hold_the_truth_as_often_as_they_say(survey, up_to: float) -> None:
     mean, low, high, n = 40, 1.0, 5.0, 200
     counts = poisson.rvs(mean, size=n, random_state=5)
@@ -112,9 +98,9 @@ def test_rate_that_is_stated_has_no_error_of_its_own() -> None:
 
 
 def test_p_tells_a_power_law_from_another() -> None:
-    # Of ten samples of the law few have a p below 0.1 (expected: one).
-    low = [fit_test(fit_power_law(listed(drawn(60, 20 + k)), V0))[1] < 0.1 for k in range(10)]
-    assert sum(low) <= 4
+    # Of four samples of the law few have a p below 0.1.
+    low = [fit_test(fit_power_law(listed(drawn(60, 20 + k)), V0))[1] < 0.1 for k in range(4)]
+    assert sum(low) <= 1
     other = np.exp(np.random.default_rng(9).normal(-1.5, 0.5, 200))
     assert fit_test(fit_power_law(listed(other[other > V0]), V0))[1] < 0.02
     assert fit_test(fit_power_law(counted(other[other > V0]), V0))[1] < 0.02

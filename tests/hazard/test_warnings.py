@@ -3,17 +3,55 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any
 
+import numpy as np
 from helpers.hazard_samples import swiss
+from helpers.terrains import grid_of, rough
 
 from sassgis.hazard.warnings import (
+    SetUp,
     ground_warnings,
     path_warnings,
     rule_warnings,
+    simulation_warnings,
     zone_warnings,
 )
 from sassgis.inputs.ground_map import built_in_table
 from sassgis.settings.hazard_rules import BlockBudget
+from sassgis.settings.profiles import LineEnd
+from sassgis.settings.results import ControlLine, StopReason
+from sassgis.simulation.accumulators import Progress
+from sassgis.simulation.control_lines import ControlLineSums
+from sassgis.simulation.map_sums import MapSums
+
+
+def test_what_happened_to_blocks_and_lines_is_told_with_its_number() -> None:
+    net, grid = ControlLine("net", "net", 4.0), grid_of(rough, 10, 10)
+    run: Any = SimpleNamespace(
+        grid=grid, ground=np.zeros(grid.shape, int), table=built_in_table(), followed=False,
+        areas=[SimpleNamespace(name="idle")], control_lines=[(net, None)],
+        terrain=SimpleNamespace(path="followed"),
+    )  # fmt: skip
+    progress = Progress(0, MapSums(4), ControlLineSums((net,)), lost=3)
+    progress.reasons[[StopReason.REST, StopReason.LEFT_PROFILE, StopReason.NEVER_STARTED]] = (
+        700, 200, 100,
+    )  # fmt: skip
+    ends: Any = SimpleNamespace(end=np.array([LineEnd.NODATA, LineEnd.ENERGY_LINE], np.uint8))
+    progress.lines.append(ends)
+    said = simulation_warnings(run, progress)
+    beginnings = (
+        "1 of 2 fall lines run into nodata", "22 % of the blocks left the terrain model",
+        "10 % of the blocks never started", "Blocks not simulated", "No block starts in these",
+        "No block reaches: net.",
+    )  # fmt: skip
+    for text, begins in zip(said, beginnings, strict=False):
+        assert text.startswith(begins)
+    # Of these only what nothing reaches, and the ground, describe the set-up.
+    assert [isinstance(text, SetUp) for text in said] == [False] * 5 + [True] * (len(said) - 5)
+    run.followed = True
+    assert simulation_warnings(run, progress) == said[1:]
 
 
 def test_classes_are_named_by_how_far_they_may_be_trusted() -> None:
@@ -37,6 +75,7 @@ def test_lines_without_a_width_are_told() -> None:
 def test_sources_that_never_release_are_named() -> None:
     texts = rule_warnings(swiss(), {("A", "small"): 0.0, ("A", "big"): 0.1, ("B", "big"): 0.0})
     assert texts[-1] == "Onset frequency 0, no hazard: A / small, B / big."
+    assert [isinstance(text, SetUp) for text in texts] == [True] * (len(texts) - 1) + [False]
     assert not [t for t in rule_warnings(swiss(), {("A", "big"): 0.1}) if "Onset" in t]
 
 

@@ -15,7 +15,7 @@ from scipy import ndimage
 
 from sassgis.errors import ConfigError, InputError
 from sassgis.grid import Grid
-from sassgis.hazard.zoning import drawing, seams
+from sassgis.hazard.zoning import seams
 from sassgis.hazard.zoning.cell_outlines import cell_polygons
 from sassgis.hazard.zoning.coverage import Coverage
 from sassgis.hazard.zoning.drawing import drawn_zones, reach_cells
@@ -23,19 +23,9 @@ from sassgis.settings.hazard_rules import Drawing, ZoningSettings
 
 WEST, NORTH = 2_700_000.0, 1_120_000.0
 KINDS = (
-    "smooth",
-    "streaks",
-    "salt",
-    "chequers",
-    "spiral",
-    "rings",
-    "single",
-    "edge",
-    "full",
-    "empty",
-    "diagonals",
-    "random",
-)
+    "smooth", "streaks", "salt", "chequers", "spiral", "rings", "single", "edge", "full", "empty",
+    "diagonals", "random",
+)  # fmt: skip
 
 
 def grid_of(classes: np.ndarray, cell_size: float = 2.0) -> Grid:
@@ -166,7 +156,7 @@ def at(zones: Coverage, row: float, col: float) -> int:
     return int(zones.classes[shapely.covers(zones.polygons, place)].max(initial=0))
 
 
-@settings(max_examples=40)
+@settings(max_examples=15)
 @given(RASTERS, CELLS, st.sampled_from([0.0, 100.0, 400.0]), st.sampled_from([0.0, 10.0]))
 # A ring at the edge of the terrain that rounding closes.
 @example(raster("streaks", (17, 6), 0), 1.0, 100.0, 10.0)
@@ -184,7 +174,7 @@ def test_every_rule_holds(
     assert set(zones.classes.tolist()) <= set(range(1, int(classes.max(initial=0)) + 1))
 
 
-@settings(max_examples=40)
+@settings(max_examples=15)
 @given(RASTERS, CELLS)
 def test_cells_are_drawn_as_they_are(classes: np.ndarray, cell_size: float) -> None:
     grid = grid_of(classes, cell_size)
@@ -211,7 +201,7 @@ def test_cells_are_drawn_as_they_are(classes: np.ndarray, cell_size: float) -> N
         )
 
 
-@settings(max_examples=40)
+@settings(max_examples=15)
 @given(RASTERS, st.sampled_from([0.5, 1.0, 3.0, 6.0]))
 def test_zones_stay_within_the_tolerance_of_their_cells(
     classes: np.ndarray, tolerance: float
@@ -223,7 +213,7 @@ def test_zones_stay_within_the_tolerance_of_their_cells(
     assert above(zones, 1).difference(allowed).area < 1e-3
 
 
-@settings(max_examples=30)
+@settings(max_examples=10)
 @given(SERIES, CELLS, st.sampled_from([0.0, 40.0]))
 def test_rarer_zones_contain_more_frequent_ones(
     maps: list[np.ndarray], cell_size: float, smallest: float
@@ -245,7 +235,7 @@ def test_rarer_zones_contain_more_frequent_ones(
             assert shapely.intersects(points, outer).all()
 
 
-@settings(max_examples=40)
+@settings(max_examples=15)
 @given(RASTERS, st.integers(0, 10_000), st.sampled_from([20.0, 100.0]))
 def test_no_zone_reaches_where_the_terrain_is_unknown(
     classes: np.ndarray, seed: int, smallest: float
@@ -262,7 +252,7 @@ def test_no_zone_reaches_where_the_terrain_is_unknown(
     assert beyond.area < 1e-3
 
 
-@settings(max_examples=30)
+@settings(max_examples=10)
 @given(RASTERS, st.integers(1, 9), st.integers(1, 9))
 def test_zones_do_not_depend_on_where_the_raster_begins(
     classes: np.ndarray, rows: int, cols: int
@@ -279,7 +269,7 @@ def test_zones_do_not_depend_on_where_the_raster_begins(
     np.testing.assert_array_equal(zones.classes, other.classes)
 
 
-@settings(max_examples=40)
+@settings(max_examples=15)
 @given(RASTERS, st.sampled_from([2.0 / 3.0, 0.3048, 1.52401]))
 def test_cells_that_are_no_multiple_of_the_precision(classes: np.ndarray, cell_size: float) -> None:
     grid = Grid(np.zeros(classes.shape), WEST + 0.12345, NORTH - 0.98765, cell_size)
@@ -297,7 +287,7 @@ def test_cells_that_are_no_multiple_of_the_precision(classes: np.ndarray, cell_s
         assert apart <= 0.001 * cells.length + 1e-9
 
 
-@settings(max_examples=40)
+@settings(max_examples=15)
 @given(RASTERS)
 def test_nothing_thinner_than_the_least_width_lies_beside_a_higher_zone(
     classes: np.ndarray,
@@ -307,18 +297,6 @@ def test_nothing_thinner_than_the_least_width_lies_beside_a_higher_zone(
         higher = above(zones, int(k) + 1)
         if not higher.is_empty and polygon.boundary.intersection(higher).length > 0.0:
             assert not polygon.buffer(-4.5).is_empty
-
-
-def test_a_missing_or_doubled_zone_would_be_noticed() -> None:
-    classes = raster("smooth", (30, 30), 1)
-    grid = grid_of(classes)
-    zones = drawn(classes, tolerance_m=3.0)
-    fewer = Coverage(zones.polygons[1:], zones.classes[1:])
-    assert "lower than the raster" in violations(fewer, classes, grid)
-    twice = Coverage(np.append(zones.polygons, zones.polygons[0]), np.append(zones.classes, 1))
-    assert "overlap" in violations(twice, classes, grid)
-    shifted = Coverage(shapely.transform(zones.polygons, lambda c: c + 3e-4), zones.classes)
-    assert "off the grid of 1 mm" in violations(shifted, classes, grid)
 
 
 def block(*places: tuple[int, int, int, int, int], shape: tuple[int, int] = (60, 60)) -> np.ndarray:
@@ -370,7 +348,7 @@ def test_a_small_zone_on_its_own_grows_to_the_smallest_area() -> None:
     assert zone.area == 4.0
 
 
-@settings(max_examples=20)
+@settings(max_examples=8)
 @given(RASTERS)
 def test_small_parts_grow_where_no_gaps_are_closed(classes: np.ndarray) -> None:
     classes = np.pad(classes, 20)
@@ -438,19 +416,6 @@ def test_the_outer_limit_is_an_envelope_without_fingers() -> None:
     assert above(envelope, 1).length < 0.75 * above(plain, 1).length
 
 
-def test_parts_that_touch_at_a_corner() -> None:
-    classes = block((2, 2, 10, 10, 1), (10, 10, 20, 20, 1))
-    zones = drawn(classes)
-    assert len(zones.polygons) == 2
-    assert violations(zones, classes, grid_of(classes)) == set()
-    # A ring that closes at a corner only: its hole touches the outside there.
-    classes = block((2, 2, 20, 20, 1), (7, 7, 12, 12, 0), (2, 2, 7, 7, 0))
-    zones = drawn(classes)
-    (ring,) = zones.polygons
-    assert len(ring.interiors) == 1
-    assert violations(zones, classes, grid_of(classes)) == set()
-
-
 @pytest.mark.parametrize("slope", [0.0, 0.25, 0.5, 1.0, 3.0])
 def test_a_slanting_edge_becomes_a_straight_line(slope: float) -> None:
     i, j = np.mgrid[:60, :60]
@@ -491,9 +456,7 @@ def test_what_cannot_be_drawn_is_refused() -> None:
             ZoningSettings(**wrong)
 
 
-@pytest.mark.parametrize(
-    ("kind", "shape"), [("smooth", (36, 5)), ("streaks", (5, 40)), ("smooth", (35, 37))]
-)
+@pytest.mark.parametrize(("kind", "shape"), [("streaks", (5, 40)), ("smooth", (37, 20))])
 def test_a_large_place_is_drawn_in_parts_as_it_is_at_once(
     kind: str, shape: tuple[int, int]
 ) -> None:
@@ -514,35 +477,3 @@ def test_a_large_place_is_drawn_in_parts_as_it_is_at_once(
         assert sum(apart) <= 0.02 * sum(above(whole, k).area for k in range(1, 4))
     for k in range(1, 4):
         assert above(in_parts[0], k).difference(above(in_parts[1], k)).area < 1e-6
-
-
-@pytest.mark.parametrize("kind", ["salt", "streaks", "random", "chequers"])
-@pytest.mark.parametrize("known_share", [1.0, 0.9])
-def test_cells_are_raised_only_where_zones_are_drawn_of_that_class_anyway(
-    kind: str, known_share: float
-) -> None:
-    classes = raster(kind, (60, 50), 3)
-    known = raster("smooth", classes.shape, 4) < 3 if known_share < 1.0 else classes >= 0
-    grid = grid_of(classes)
-    rules = Drawing(
-        width_m=3.0, area_m2=60.0, gap_m=9.0, envelope_m=21.0, smoothing_m=0.0, tolerance_m=1.0,
-        scale=2000.0,
-    )  # fmt: skip
-    before = []
-    raised = drawing._raised
-
-    def noted(place: Any, gaps: Any, smallest_m2: float) -> Any:
-        before.append((place, raised(place, gaps, smallest_m2)))
-        return place.maps[0]
-
-    with mock.patch.object(drawing, "_raised", noted):
-        (zones,) = drawn_zones([classes], grid, rules, known, [True])
-    more = 0
-    for place, found in before:
-        own = place.maps[0]
-        for k in range(1, found.max() + 1):
-            area = shapely.buffer(above(zones, k), 0.05)
-            added = cells_of((found >= k) & (own < k), place.grid)
-            more += int(((found >= k) & (own < k)).sum())
-            assert shapely.difference(added, area).area < 1e-6
-    assert more > 20

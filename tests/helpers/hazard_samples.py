@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from sassgis.hazard.levels import hazard_level
+from sassgis.hazard.sampling_error import LevelChances, level_chances
 from sassgis.settings.hazard_rules import (
     HazardCurves,
     HazardLevel,
@@ -58,6 +60,16 @@ def curves_of(
         np.array(np.broadcast_to(np.asarray(variance, np.float64), rates.shape)),
         np.array(np.broadcast_to(np.asarray(of_a_rock, np.float64), (n,))),
     )
+
+
+def chances_of(
+    curves: HazardCurves,
+    preset: HazardPreset,
+    known: np.ndarray | None = None,
+    in_part: bool = False,
+) -> LevelChances:
+    """What another sample would make of the levels of these curves."""
+    return level_chances(curves, hazard_level(curves, preset), preset, known, in_part)
 
 
 def drawn_counts(

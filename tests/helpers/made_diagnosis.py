@@ -229,9 +229,7 @@ def with_trees(case: Case) -> Diagnosis:
         ("unknown", "", 0.1, 0.006),
     )  # fmt: skip
     effect = HypothesisModel(
-        table,
-        EffectSettings(Trees("stems", efficiency=0.8)),
-        ForestStand(90.0, 160.0, 420.0, 31.5),
+        table, EffectSettings(Trees("stems", efficiency=0.8)), ForestStand(90.0, 160.0, 420.0, 31.5)
     )
     return Diagnosis(
         verdict=Verdict(

@@ -10,7 +10,6 @@ from helpers.made_up_result import preset
 from shapely.geometry import MultiPolygon, Polygon, box
 
 from sassgis.files.vector_layer import VectorLayer
-from sassgis.hazard.assess import IntensityMap
 from sassgis.hazard.zoning.coverage import Coverage
 from sassgis.outputs.swiss.federal import federal_layer, intensity_rows
 
@@ -66,14 +65,14 @@ def some_layers(**changes: Any) -> list[VectorLayer]:
         "crs": "EPSG:2056", "federal": True, "canton": changes.get("canton", "TI")
     }  # fmt: skip
     codes = [c.code for c in preset().intensities]
-    maps = [
-        IntensityMap(years, Coverage(polygons, np.array([1 + codes.index(c) for c in own])))
+    maps = {
+        years: Coverage(polygons, np.array([1 + codes.index(c) for c in own]))
         for years, polygons, own in (
             (30, [CORE], ["low"]),
             (300, [CORE, HOLLOW], ["high", "mean"]),
             (None, [shapely.union_all([CORE, HOLLOW]), STEPS], ["high", "low"]),
         )
-    ]
+    }
     zones = intensity_rows(maps, preset())
     name = ("Parete nord <A> & C., " + "lunga " * 8)[:50].strip()
     term = {"process_cantonal_term": "caduta sassi"}

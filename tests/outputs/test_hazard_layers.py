@@ -4,12 +4,12 @@ from typing import Any
 
 import numpy as np
 import pytest
-from helpers.hazard_samples import curves_of, swiss
+from helpers.hazard_samples import chances_of, curves_of, swiss
 
 from sassgis.grid import Grid
 from sassgis.hazard.curves import energy_at, rate_interval
 from sassgis.hazard.levels import hazard_level, intensity_class
-from sassgis.hazard.sampling_error import level_chances, rocks_factor
+from sassgis.hazard.sampling_error import rocks_factor
 from sassgis.inputs.presets import preset_names, read_preset
 from sassgis.outputs.layers.hazard_maps import hazard_layers
 from sassgis.settings.hazard_rules import HazardCurves, HazardPreset
@@ -35,7 +35,7 @@ CAME = [1, 6, 7, 10]
 def layers_of(
     curves: HazardCurves, preset: HazardPreset, grid: Grid, width_m: float, **periods: Any
 ) -> tuple[RasterLayer, ...]:
-    chances = level_chances(curves, preset, np.isfinite(grid.values))
+    chances = chances_of(curves, preset, np.isfinite(grid.values))
     return hazard_layers(curves, chances, preset, grid, width_m, **periods)
 
 
@@ -122,7 +122,7 @@ def test_frequency(layers: dict[str, RasterLayer]) -> None:
 
 def test_confidence(layers: dict[str, RasterLayer]) -> None:
     found = bands(layers["confidence"])
-    chances = level_chances(CURVES, PRESET)
+    chances = chances_of(CURVES, PRESET)
     lowest, highest = chances.interval(0.95)
     assert np.nan_to_num(flat(found["lowest_level"])).tolist() == lowest[:4].tolist()
     assert flat(found["highest_level"]) == highest[:4].tolist()

@@ -6,8 +6,6 @@ import csv
 import json
 import math
 import shutil
-import subprocess
-import sys
 from pathlib import Path
 
 import numpy as np
@@ -126,14 +124,6 @@ def test_another_check_and_a_battery_that_was_fitted_to_are_refused(copy: Path) 
         again(copy, SITES[:1])
     with pytest.raises(InputError, match="would flatter"):
         check(copy, SITES, seed=951)
-
-
-def test_the_command_says_a_fault_in_one_line(repository: Path, copy: Path) -> None:
-    script = repository / "pipelines" / "gap_check"
-    command = [sys.executable, script, "--worlds", "2", "--seed", "951", "-o", copy]
-    run = subprocess.run(command, capture_output=True, text=True, check=False)
-    assert run.returncode == 1 and run.stderr.count("\n") == 1
-    assert run.stderr.startswith("Error: ")
 
 
 # ---------------------------------------------------------------------------------------------

@@ -13,6 +13,8 @@ from shapely import box
 
 from sassgis.errors import OutputError
 from sassgis.hazard.object_values import ObjectEstimate, ObjectValues
+from sassgis.hazard.warnings import rule_warnings
+from sassgis.inputs.presets import read_preset
 from sassgis.report.exposed_report import MOST_ROWS, exposed_table, most_exposed
 from sassgis.report.figures import blocks_figure, to_png
 from sassgis.report.page import (
@@ -84,7 +86,7 @@ FULL = ReportContext(
 
 
 def test_warnings_stand_first_by_weight_and_the_others_are_notes() -> None:
-    set_up = "Preset ch-so, unverified: level low. Our choice."
+    set_up, *_ = rule_warnings(read_preset("ch-so"), {})
     wrong = tuple(f"{n} blocks were aborted" for n in range(7))
     report = translated_report(replace(FULL, warnings=(set_up, *wrong)))
     assert report.warnings == wrong[:5] and report.notes == (set_up, *wrong[5:])

@@ -34,35 +34,10 @@ def test_waves_are_damped_by_their_length_over_the_diameter(lengths: float) -> N
     assert kept == pytest.approx(math.exp(-0.5 * (0.25 * 2.0 * np.pi / lengths) ** 2), abs=1e-4)
 
 
-def test_the_spread_is_that_of_a_disk_of_one_diameter() -> None:
-    spike = np.zeros((81, 81))
-    spike[40, 40] = 1.0
-    grid = Grid(spike, 0.0, 81 * 0.1, 0.1)
-    out = block_scale_grid(grid, DIAMETER).values
-    x = (np.arange(81) - 40) * 0.1
-    assert out.sum() == pytest.approx(1.0)
-    # Of a uniform disk of radius R: R²/4 along each axis.
-    assert (out.sum(axis=0) * x**2).sum() == pytest.approx((0.5 * DIAMETER) ** 2 / 4.0, rel=2e-3)
-
-
-def test_planes_and_gaps_stay() -> None:
-    grid = grid_of(lambda x, y: 300.0 + 0.7 * y - 0.2 * x, 60, 50, cell=0.5)
-    grid.values[20:24, 30:33] = np.nan
-    out = block_scale_grid(grid, DIAMETER)
-    np.testing.assert_allclose(out.values, grid.values, atol=1e-9)
-    assert (out.west, out.north, out.cell_size) == (grid.west, grid.north, grid.cell_size)
-
-
 @pytest.mark.parametrize(("scale", "same"), [(0.0, True), (2.0, True), (2.01, False)])
 def test_only_cells_finer_than_the_block(scale: float, same: bool) -> None:
     grid = grid_of(rough, 30, 30, cell=2.0)
     assert (block_scale_grid(grid, scale) is grid) is same
-
-
-def test_it_fades_where_cells_become_as_wide_as_the_block() -> None:
-    grid = grid_of(rough, 60, 60, cell=2.0)
-    gap = np.abs(block_scale_grid(grid, 2.0 + 1e-6).values - grid.values)
-    assert gap.max() < 1e-3
 
 
 def test_profiles_follow_these_heights_and_maps_the_terrain_model(

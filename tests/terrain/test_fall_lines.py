@@ -33,7 +33,7 @@ def headings(traces: TraceSet, i: int = 0) -> FloatArray:
     return np.unwrap(np.arctan2(np.diff(y), np.diff(x)))
 
 
-@settings(max_examples=30)
+@settings(max_examples=15)
 @given(st.floats(0, 360), st.floats(21, 75), st.floats(-20, 20), st.floats(-20, 20))
 def test_lines_on_planes_are_straight_and_long_enough(
     azimuth: float, slope: float, dx: float, dy: float
@@ -56,15 +56,6 @@ def test_lines_on_planes_are_straight_and_long_enough(
     assert np.diff(s).max() <= grid.cell_size * (1.0 + 1e-8)
 
 
-def test_chainage_is_the_length_of_the_line(rough_grid: Grid) -> None:
-    mx, my = middle(rough_grid)
-    traces = run(rough_grid, [mx, mx + 13.0], [my + 100.0, my + 90.0])
-    for i in range(2):
-        x, y, s = line(traces, i)
-        assert s[0] == 0.0
-        assert np.allclose(np.hypot(np.diff(x), np.diff(y)), np.diff(s), atol=1e-9)
-
-
 def test_steps_do_not_matter() -> None:
     """The same smooth terrain on a grid twice as fine gives the same line."""
 
@@ -80,8 +71,8 @@ def test_steps_do_not_matter() -> None:
         assert np.abs(x1 - np.interp(y1, y2[order], x2[order])).max() < 0.02
 
 
-@pytest.mark.parametrize("turn", [0.0, 17.0, 30.0, 45.0, 81.0])
-@pytest.mark.parametrize("axis_slope", [10.0, 18.0, 35.0])
+@pytest.mark.parametrize("turn", [0.0, 17.0, 45.0])
+@pytest.mark.parametrize("axis_slope", [10.0, 35.0])
 def test_a_gully_is_followed_without_zigzag(turn: float, axis_slope: float) -> None:
     """V with sides of 40° and a bottom 2 cells wide: lines join the axis and stay on it."""
     c, s = np.cos(np.radians(turn)), np.sin(np.radians(turn))
@@ -219,9 +210,10 @@ def test_max_length_is_kept_exactly(rough_grid: Grid) -> None:
     traces = run(rough_grid, mx, my + 100.0, settings)
     assert traces.end[0] == LineEnd.MAX_LENGTH
     assert traces.s[-1] == pytest.approx(77.7, abs=1e-6)
+    assert np.allclose(np.hypot(np.diff(traces.x), np.diff(traces.y)), np.diff(traces.s), atol=1e-9)
 
 
-@settings(max_examples=25)
+@settings(max_examples=15)
 @given(st.floats(0, 360), st.integers(0, 2**31))
 def test_lines_end_at_the_border_of_nodata(azimuth: float, seed: int) -> None:
     """However the nodata lies, no point of a line is in it, and the end touches it."""
@@ -302,23 +294,3 @@ def test_an_edge_is_felt_as_far_as_the_page_says() -> None:
     apart = [np.hypot(own.x[:20] - whole.x[:20], own.y[:20] - whole.y[:20]).max()
              for own in (near, nearer)]  # fmt: skip
     assert 0.0 < apart[0] < 1e-6 and apart[1] > 1e-3
-
-
-def test_no_points_give_no_lines(rough_grid: Grid) -> None:
-    traces = run(rough_grid, np.empty(0), np.empty(0))
-    assert len(traces) == 0
-    assert traces.x.size == 0
-
-
-def test_a_line_keeps_out_of_a_river_along_a_flat_floor() -> None:
-    """It comes to the river at a slant and crosses it without turning into its bed."""
-    grid = grid_of(lambda x, y: valley(x, y - 0.5 * x), 200, 240)
-    mx, my = middle(grid)
-    settings = TerrainSettings(smoothing_m=4.0)
-    traces = run(grid, mx - 40.0, my + 140.0, settings)
-    x, y, _ = line(traces)
-    beyond = (y - my) - 0.5 * (x - mx) < -75.0
-    assert beyond.any()
-    floor = (y - my) - 0.5 * (x - mx) < -10.0
-    turn = np.degrees(headings(traces))
-    assert np.ptp(turn[floor[1:] & ~beyond[1:]]) < 15.0

@@ -13,12 +13,7 @@ from sassgis.grid import FloatArray, Grid
 from sassgis.settings.profiles import ProfileSet, TraceSet
 from sassgis.settings.settings import TerrainSettings
 from sassgis.terrain.fall_lines import fall_line_surface, trace
-from sassgis.terrain.flatten import (
-    chainage_to_xy,
-    crossings,
-    profiles,
-    xy_to_chainage,
-)
+from sassgis.terrain.flatten import chainage_to_xy, crossings, profiles, xy_to_chainage
 
 pytestmark = pytest.mark.kernels
 
@@ -85,14 +80,7 @@ def test_profiles_keep_within_the_tolerance(
         assert np.abs(np.interp(fine[amid], s, z) - z_dem).max() <= tolerance + 0.01
 
 
-def test_more_tolerance_means_fewer_vertices(rough_grid: Grid, traces: TraceSet) -> None:
-    one_class = np.zeros(rough_grid.shape, np.int32)
-    counts = [profiles(rough_grid, traces, one_class, t).s.size for t in (0.0, 0.05, 0.5, 2.0)]
-    assert counts == sorted(counts, reverse=True)
-    assert counts[0] > 10 * counts[2]
-
-
-@settings(max_examples=20)
+@settings(max_examples=10)
 @given(st.floats(0, 360), st.floats(25, 70))
 def test_a_plane_is_one_segment(azimuth: float, slope: float) -> None:
     east, north = np.sin(np.radians(azimuth)), np.cos(np.radians(azimuth))
@@ -119,18 +107,6 @@ def test_heights_next_to_nodata_continue_the_slope() -> None:
     s, z, _ = of(flat, 0)
     assert s.size == 2
     assert z[-1] == pytest.approx(500 - 0.7 * 30 - 0.2 * 1.7, abs=1e-6)
-
-
-def test_smoothing_does_not_touch_the_heights(rough_grid: Grid) -> None:
-    mx, my = middle(rough_grid)
-    settings = TerrainSettings(smoothing_m=15.0)
-    lines = trace(
-        rough_grid, fall_line_surface(rough_grid, settings), points_at(mx, my + 60), settings
-    )
-    flat = profiles(rough_grid, lines, np.zeros(rough_grid.shape, np.int32), 0.0)
-    assert of(flat, 0)[1][0] == pytest.approx(
-        bilinear(rough_grid, np.array([mx]), np.array([my + 60]))[0], abs=1e-9
-    )
 
 
 def test_ground_classes_change_at_borders_of_cells(
@@ -172,7 +148,7 @@ def test_stretches_cover_the_line_and_agree_with_the_grid(
         assert np.abs(np.diff(cell % n_cols)).max() <= 1
 
 
-@settings(max_examples=60)
+@settings(max_examples=30)
 @given(st.lists(st.tuples(st.integers(-50, 50), st.integers(-50, 50)), min_size=2, max_size=6))
 def test_stretches_of_lines_along_and_through_grid_lines(points: list[tuple[int, int]]) -> None:
     """Points on borders, corners and centres of cells; long segments; lines outside the grid."""

@@ -26,9 +26,12 @@ UNKNOWN = {
     "frame": np.minimum.reduce([ROW, COL, N - 1 - ROW, N - 1 - COL]) < 5,
 }
 AREAS = ("corner", "the most part", "side")
-METHODS = ("nearest", "bilinear", "cubic", "lanczos", "average")
-#: Cells before and after (m).
-CELLS = ((2.0, 2.0), (5.0, 2.0), (1.0, 0.5), (10.0, 10.0), (25.0, 25.0))
+#: Methods, and cells before and after (m).
+RESAMPLED = (
+    ("nearest", (10.0, 10.0)), ("bilinear", (5.0, 2.0)), ("bilinear", (25.0, 25.0)),
+    ("cubic", (2.0, 2.0)), ("cubic", (1.0, 0.5)), ("lanczos", (1.0, 0.5)), ("lanczos", (5.0, 2.0)),
+    ("average", (2.0, 2.0)), ("average", (25.0, 25.0)),
+)  # fmt: skip
 
 
 def mountain(cell_m: float, lowest_m: float = 500.0) -> np.ndarray:
@@ -52,10 +55,9 @@ def resampled(values: np.ndarray, cells: tuple[float, float], method: str) -> np
     return out
 
 
-@pytest.mark.parametrize("method", METHODS)
-@pytest.mark.parametrize("cells", CELLS)
+@pytest.mark.parametrize(("method", "cells"), RESAMPLED)
 def test_what_is_mixed_is_found_whatever_the_number_and_the_place(
-    cells: tuple[float, float], method: str
+    method: str, cells: tuple[float, float]
 ) -> None:
     """Also where the number is declared afterwards, and only the mixed cells are left."""
     clean = resampled(mountain(cells[0]), cells, method)
@@ -121,7 +123,7 @@ def real_places(cell_m: float) -> dict[str, np.ndarray]:
     }  # fmt: skip
 
 
-@pytest.mark.parametrize("cell_m", [0.5, 1.0, 2.0, 5.0, 10.0, 25.0])
+@pytest.mark.parametrize("cell_m", [0.5, 2.0, 5.0, 25.0])
 def test_terrain_is_not_taken_for_nodata(cell_m: float) -> None:
     alarms = [
         name for name, z in real_places(cell_m).items() if nodata_traces(z, cell_m).cells.any()

@@ -13,12 +13,7 @@ from sassgis.settings.profiles import TraceSet
 from sassgis.settings.results import ControlLine
 from sassgis.settings.settings import EngineSettings, ReleaseSettings, TerrainSettings
 from sassgis.terrain.fall_lines import fall_line_surface, trace
-from sassgis.terrain.prepare import (
-    LEAD_IN_M,
-    draw_keys,
-    drawn_lines,
-    prepare_lines,
-)
+from sassgis.terrain.prepare import LEAD_IN_M, draw_keys, drawn_lines, prepare_lines
 
 pytestmark = pytest.mark.kernels
 

@@ -85,14 +85,6 @@ def test_smoothing_is_a_gaussian_where_the_surroundings_are_complete() -> None:
     assert even.sum() == pytest.approx(1.0, rel=1e-3)
 
 
-def test_nodata_does_not_leak_into_the_smoothed_heights() -> None:
-    grid = holed(grid_of(rough, 60, 50))
-    other = np.where(np.isnan(grid.values), np.nan, grid.values)
-    low = smoothed(Grid(other, grid.west, grid.north, 2.0), 6.0).values
-    assert np.nanmin(low) > np.nanmin(grid.values) - 5.0
-    assert np.nanmax(low) < np.nanmax(grid.values) + 5.0
-
-
 @pytest.mark.parametrize("scale_m", [3.0, 12.0])
 def test_heights_far_from_nodata_do_not_hang_on_it(rough_grid: Grid, scale_m: float) -> None:
     """To the last bit, also along the edges: with nodata other cells are looked at."""

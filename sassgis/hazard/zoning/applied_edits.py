@@ -12,12 +12,7 @@ import shapely
 
 from sassgis.grid import FloatArray, Grid, IntArray
 from sassgis.hazard.zoning.cell_outlines import PRECISION_M
-from sassgis.hazard.zoning.coverage import (
-    Coverage,
-    dissolved,
-    faces_of,
-    without_threads,
-)
+from sassgis.hazard.zoning.coverage import Coverage, dissolved, faces_of, without_threads
 from sassgis.settings.hazard_rules import NO_LEVEL, Edit
 
 #: From this share of its area on, another computed level below an edit is reported; and only where
@@ -52,17 +47,14 @@ class AppliedEdit:
 
 
 def shares_text(shares: Mapping[str, float]) -> str:
-    """Return shares of levels as the column ``computed`` has them.
-
-    An example is "mean 62 %, residual_hazard 38 %".
-    """
+    """Write shares of levels as the column ``computed``: "mean 62 %, residual_hazard 38 %"."""
     return ", ".join(f"{code} {100.0 * share:.0f} %" for code, share in shares.items())
 
 
 def shares_of_text(text: str) -> dict[str, float]:
-    """Return shares of levels from their text.
+    """Read shares of levels from their text; empty if it is no such list.
 
-    What the text does not name has no level. Empty if the text is no such list.
+    What the text does not name has no level.
     """
     shares: dict[str, float] = {}
     for code, share in re.findall(r"([A-Za-z]\w*) ([0-9.]+) %", text):
@@ -74,10 +66,7 @@ def shares_of_text(text: str) -> dict[str, float]:
 
 
 def share_of(area: Any, grid: Grid, cells: IntArray, values: FloatArray) -> float:
-    """Average values of cells (flat indices, 0 elsewhere) over an area.
-
-    The area may be narrower than a cell.
-    """
+    """Average values of cells (flat indices, 0 elsewhere) over an area, however narrow."""
     x, y = grid.cell_centres(cells)
     west, south, east, north = area.bounds
     half = 0.5 * grid.cell_size
@@ -96,20 +85,8 @@ def with_edits(
 ) -> tuple[Coverage, IntArray, tuple[AppliedEdit, ...]]:
     """Return zones with the edits of experts, later ones over earlier ones.
 
-    Parameters
-    ----------
-    zones : Coverage
-        As computed.
-    codes : sequence of str
-        Of the levels, from low to high.
-
-    Returns
-    -------
-    zones : Coverage
-        What an edit made another level is a separate zone.
-    edit : int64, shape (n_zones,)
-        The edit that made each zone; -1 for none.
-    applied : tuple of AppliedEdit
+    What an edit made another level is a separate zone. ``codes`` of the levels are from low to
+    high. The second value is the edit that made each zone; -1 for none.
     """
     if not edits:
         return zones, np.full(zones.classes.size, -1), ()

@@ -30,18 +30,10 @@ def check_cells(cell_size: float) -> None:
 
 
 def cell_polygons(cells: BoolArray, grid: Grid) -> NDArray[Any]:
-    """Return regions of cells that hang together over sides, as they are.
+    """Return regions of cells that hang together over sides, as they are: Polygons, shape (n,).
 
-    Returns
-    -------
-    object, shape (n,)
-        ``shapely.Polygon``, in the order of the first cell of each; shells run clockwise, holes
-        the other way.
-
-    Raises
-    ------
-    InputError
-        If cells are not at least ten times the precision of the coordinates.
+    They are in the order of the first cell of each; shells run clockwise, holes the other way.
+    Raises InputError if cells are not at least ten times the precision of the coordinates.
     """
     check_cells(grid.cell_size)
     row, col, region, down = _corners(cells)
@@ -76,17 +68,7 @@ def cell_polygons(cells: BoolArray, grid: Grid) -> NDArray[Any]:
 
 
 def _corners(cells: BoolArray) -> tuple[IntArray, IntArray, IntArray, IntArray]:
-    """Return corners of the borders of regions, row by row; two where regions meet at a point.
-
-    Returns
-    -------
-    row, col : int64, shape (n,)
-        Of the lattice.
-    region : int64
-        That they border, counted from 1.
-    down : int64
-        1 where the side along the column leads down, 0 where it leads up.
-    """
+    """Return row, column, region (from 1) and direction (1: down) of corners of regions."""
     region = ndimage.label(np.pad(cells, 1))[0]
     # By whether a cell is south and whether it is east of the point.
     around = {(s, e): region[s : region.shape[0] - 1 + s, e : region.shape[1] - 1 + e]

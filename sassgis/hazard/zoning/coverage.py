@@ -41,10 +41,7 @@ def faces_of(areas: Sequence[Any]) -> NDArray[Any]:
 
 
 def classes_of(faces: NDArray[Any], stack: Sequence[Any]) -> IntArray:
-    """Return the class of each face: the number of the last area of a stack that holds it.
-
-    It is 0 for none.
-    """
+    """Return the number of the last area of a stack that holds each face; 0 for none."""
     inside = shapely.point_on_surface(faces)
     x, y = shapely.get_x(inside), shapely.get_y(inside)
     out = np.zeros(faces.size, np.int64)
@@ -55,13 +52,11 @@ def classes_of(faces: NDArray[Any], stack: Sequence[Any]) -> IntArray:
 
 
 def without_threads(faces: NDArray[Any], classes: IntArray) -> IntArray:
-    """Return classes of faces without threads.
-
-    One that is nowhere 0.2 m wide joins the next higher one that it borders.
+    """Return classes of faces; one that is nowhere 0.2 m wide joins the next higher beside it.
 
     Again and again, as several may lie side by side. What is no wider than the rounding of
-    coordinates joins the highest wider one that it borders, also a lower one; a thread that came
-    to a class only over such a bridge goes back to that of its neighbours.
+    coordinates joins the highest wider one that it borders, also a lower one; a thread that came to
+    a class only over such a bridge goes back to that of its neighbours.
     """
     out = classes.copy()
     threads = np.flatnonzero(_nowhere_wider(faces, _THREAD_M))
@@ -106,10 +101,7 @@ def _nowhere_wider(faces: NDArray[Any], width_m: float) -> BoolArray:
 def without_small(
     faces: NDArray[Any], classes: IntArray, smallest_m2: float
 ) -> tuple[Coverage, IntArray]:
-    """Return zones of faces, and their classes.
-
-    A small zone joins the next higher one that it borders.
-    """
+    """Return zones of faces and their classes; a small zone joins the next higher beside it."""
     while True:
         zones = dissolved(faces, classes)
         is_small = shapely.area(zones.polygons) < smallest_m2
@@ -138,10 +130,7 @@ def joined_coverages(parts: Sequence[Coverage]) -> Coverage:
 
 
 def dissolved(faces: NDArray[Any], classes: IntArray) -> Coverage:
-    """Return faces of the same class as one zone where they share a border.
-
-    Those of class 0 are none.
-    """
+    """Join faces of the same class that share a border into zones; those of class 0 are none."""
     zones = []
     for k in np.unique(classes[classes > 0]).tolist():
         own = polygons_of(shapely.coverage_union_all(faces[classes == k]))

@@ -53,11 +53,8 @@ _NOWHERE = shapely.Polygon()
 
 
 def _grown(area: Any, distance_m: float, chords: int = 6) -> Any:
-    """Return area with all that lies within a distance of it, or without its rim where that is < 0.
-
-    Of several areas each grows by itself; those that shrink become one. Corners become ``chords``
-    to a quarter of a circle: six keep within a hundredth of the distance.
-    """
+    """Return an area with all within a distance (each of several by itself), or without its rim."""
+    # Six chords to a quarter of a circle keep within a hundredth of the distance.
     if distance_m >= 0.0:
         return shapely.buffer(area, distance_m, quad_segs=chords)
     # Parts that shrink do not meet: of one with many GEOS looks at each next to all others.
@@ -66,23 +63,19 @@ def _grown(area: Any, distance_m: float, chords: int = 6) -> Any:
 
 
 def _simplified(area: Any, tolerance_m: float) -> Any:
-    """Return an area without vertices that lie this near to the line without them.
-
-    Douglas and Peucker (1973). Where lines cross for it, with the vertices that avert that: looking
-    for these takes several times as long.
-    """
+    """Return an area without vertices this near to the line (Douglas and Peucker 1973)."""
+    # Where lines cross for it, with the vertices that avert that: looking for these takes several
+    # times as long.
     found = shapely.simplify(area, tolerance_m, preserve_topology=False)
     return found if shapely.is_valid(found) else shapely.simplify(area, tolerance_m)
 
 
 def _smooth(area: Any, tolerance_m: float) -> Any:
-    """Return an area in fewer, longer lines, none of which cuts into it.
-
-    Grown by half of the tolerance, and then simplified by less than that: the new line stays
-    outside, and within the tolerance.
-    """
+    """Return an area in fewer, longer lines, none of which cuts into it."""
     if tolerance_m == 0.0:
         return area
+    # Grown by half of the tolerance, and then simplified by less than that: the new line stays
+    # outside, and within the tolerance.
     half = tolerance_m / 2.0
     # Two chords to a quarter of a circle come as near as 0.92 of the distance.
     return _simplified(_grown(area, half, 2), 0.9 * half)
@@ -123,12 +116,10 @@ def _widened(area: Any, width_m: float) -> Any:
 
 
 def _enlarged(area: Any, smallest_m2: float, known: Any) -> Any:
-    """Grow the small parts of an area evenly until they have the smallest area.
-
-    In a corner of the known terrain a part grows farther than on open ground, but not without end.
-    """
+    """Grow the small parts of an area evenly until they have the smallest area."""
     parts = polygons_of(area)
     out = []
+    # In a corner of the known terrain parts grow farther than on open ground, but not without end.
     farthest = _FARTHEST * math.sqrt(smallest_m2)
     for part in parts[shapely.area(parts) < smallest_m2]:
 
@@ -197,11 +188,8 @@ def _on_terrain(area: Any, known: Any, must: Sequence[Any]) -> Any:
 
 
 def _with_rims(higher: Any, lower: Any, rules: Drawing) -> Any:
-    """Return higher area with what lies between it and the lower one and is too small to be drawn.
-
-    Narrow parts and small parts next to the higher area belong to it. Narrow ends that do not touch
-    it stay what they are.
-    """
+    """Return a higher area with narrow and small parts of the lower one that lie next to it."""
+    # Narrow ends that do not touch the higher area stay what they are.
     parts = polygons_of(shapely.difference(lower, higher))
     is_small = shapely.area(parts) < rules.area_m2
     small, wide = parts[is_small], parts[~is_small]
@@ -361,20 +349,9 @@ def _stacks_at_once(
 
 
 def _raised(place: _Place, gaps: Sequence[float], smallest_m2: float) -> ClassMap:
-    """Return classes of the cells of a map, raised where what is drawn is of that class anyway.
-
-    Between cells that lie near each other on all sides, and in small holes, lines would be drawn
-    that closing gaps and filling holes takes away. Here they are not made.
-
-    Parameters
-    ----------
-    place : _Place
-        With one map.
-    gaps : sequence of float
-        Gaps that are closed around each class with those above it (m).
-    smallest_m2 : float
-        Holes below this are filled.
-    """
+    """Return classes of a map's cells, raised where what is drawn is of that class anyway."""
+    # Between cells that lie near each other on all sides, and in small holes, lines would be drawn
+    # that closing gaps and filling holes takes away. Here they are not made.
     (classes,), size = place.maps, place.grid.cell_size
     out = classes.copy()
     for k, gap in enumerate(gaps, start=1):
@@ -398,10 +375,7 @@ def _raised(place: _Place, gaps: Sequence[float], smallest_m2: float) -> ClassMa
 def _stack(
     place: _Place, rules: Drawing, envelope: bool, within: Sequence[Any], known: Any
 ) -> list[Any]:
-    """Return the area of each class with those above it, from class 1.
-
-    Each contains that of ``within``.
-    """
+    """Return the area of each class with those above it, which contains that of ``within``."""
     stack: list[Any] = []
     higher = _NOWHERE
     gaps = [rules.gap_m] * len(within)

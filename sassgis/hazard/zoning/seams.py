@@ -27,10 +27,7 @@ Stacks = Sequence[Sequence[Any]]
 
 
 def overlapping(n_cells: int, reach: int) -> list[slice]:
-    """Return stretches of a row of cells, each with the reach of drawing beyond its seams.
-
-    None of them would be divided again.
-    """
+    """Cut a row of cells into stretches, each with the reach of drawing beyond its seams."""
     beyond = reach + _BAND // 2
     count = max(1, round(n_cells / max(_LENGTH, 8 * beyond)))
     ends = [n_cells * i // count for i in range(count + 1)]
@@ -40,21 +37,12 @@ def overlapping(n_cells: int, reach: int) -> list[slice]:
 def joined_at_seams(
     parts: Sequence[Stacks], middles: FloatArray, cell_size: float, axis: int
 ) -> list[list[Any]]:
-    """Return areas of a place, which are cut along the seams.
+    """Join areas of a place from the stacks of its parts, which lie along an axis.
 
-    Parameters
-    ----------
-    parts : sequence
-        Stacks of each part, along the axis.
-    middles : float64, shape (n_parts - 1,)
-        Coordinate on the axis in the middle of the overlap of each part and the next, ascending.
-    axis : int
-        0: seams run from north to south, parts from west to east; 1: the other way.
-
-    Notes
-    -----
     Lines differ a little where parts overlap, as a line with fewer vertices depends on where its
-    ring begins: a seam lies where the areas differ along the shortest length.
+    ring begins: a seam lies where the areas differ along the shortest length. ``middles`` are those
+    of the overlaps on the axis, ascending. Axis 0: seams run from north to south, parts from west
+    to east; 1: the other way.
     """
     half = _BAND / 2 * cell_size
     seams = [

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from sassgis.grid import FloatArray, Grid
 from sassgis.hazard.curves import at_energies, energy_at, rate_interval, return_period
-from sassgis.hazard.levels import hazard_level, intensity_class
+from sassgis.hazard.levels import intensity_class
 from sassgis.hazard.preset_labels import energy_labels, preset_unverified
 from sassgis.hazard.sampling_error import LevelChances, rocks_factor
 from sassgis.outputs.layers.maps import described_band, described_raster, level_classes, on_grid
@@ -48,14 +48,13 @@ def hazard_layers(
         return described_band(key, column, on_grid(known, curves.places, grid.shape), name, **words)
 
     words = _words(preset, ref_width_m, confidence)
-    levels = [band("hazard_level", "level", _codes(hazard_level(few, preset)))]
     periods = [
         band("return_period", "t", t, f"t{e:g}", of_energy=_of_energy(e))
         for e, t in zip(few.energies_kj, return_period(few.rate).T, strict=True)
     ]
     breaks = (0.0, *preset.return_periods)
     return (
-        described_raster("hazard_level", levels, classes=level_classes(preset), **words),
+        _level(chances, preset, grid.shape, words),
         *(_intensity(band, few, preset, years, words) for years in (*return_periods, None)),
         _energy(band, curves, preset, return_periods, words),
         described_raster("return_period", periods, breaks, "plasma", **words),
@@ -87,6 +86,15 @@ def _words(preset: HazardPreset, ref_width_m: float, confidence: float) -> dict[
 
 def _codes(codes: NDArray[np.int16]) -> FloatArray:
     return np.where(codes > 0, codes, np.nan)
+
+
+def _level(
+    chances: LevelChances, preset: HazardPreset, shape: tuple[int, int], words: dict[str, Any]
+) -> RasterLayer:
+    """Return the map of the level, which the assessment computed."""
+    level = np.where(chances.level > 0, chances.level, np.nan)
+    bands = [described_band("hazard_level", "level", on_grid(level, chances.places, shape))]
+    return described_raster("hazard_level", bands, classes=level_classes(preset), **words)
 
 
 def _intensity(

@@ -283,7 +283,7 @@ def zone_layouts(
         *words.notes,
         *edit_lines(found.hazard.edits),
     )
-    extent, zoned = grid.bounds, found.hazard.intensities[-1].zones.polygons
+    extent, zoned = grid.bounds, found.hazard.intensities[None].polygons
     if zoned.size:
         west, south, east, north = shapely.total_bounds(zoned)
         margin = 0.04 * max(east - west, north - south)

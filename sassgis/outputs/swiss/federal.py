@@ -19,7 +19,7 @@ import shapely
 from sassgis.errors import InputError
 from sassgis.files.vector_layer import VectorLayer
 from sassgis.grid import Grid
-from sassgis.hazard.assess import Hazard, IntensityMap
+from sassgis.hazard.assess import Hazard, Intensities
 from sassgis.hazard.zone_styles import opaque, zone_style
 from sassgis.hazard.zoning.cell_outlines import cell_polygons
 from sassgis.outputs.swiss.federal_model import (
@@ -59,7 +59,7 @@ def federal_layers(
     preset: HazardPreset,
     ref_width_m: float,
     hazard: Hazard,
-    by_area: Mapping[str, tuple[IntensityMap, ...]],
+    by_area: Mapping[str, Intensities],
 ) -> list[VectorLayer]:
     """Return the layers of the federal model 166.1, or the same layers without claiming it."""
     crs = grid.crs or None
@@ -125,12 +125,12 @@ def _scenarios(hazard: Hazard, area: str) -> str:
     return shortened("; ".join(parts))
 
 
-def intensity_rows(maps: Sequence[IntensityMap], preset: HazardPreset) -> list[Row]:
+def intensity_rows(maps: Intensities, preset: HazardPreset) -> list[Row]:
     """Sort rows of a layer of intensity, the rarest first: the others are drawn over them."""
     rows: list[Row] = []
-    for own in sorted(maps, key=lambda m: -(math.inf if m.years is None else m.years)):
-        when = {"return_period_in_years": own.years, "extreme_scenario": own.years is None}
-        for polygon, k in zip(own.zones.polygons, own.zones.classes, strict=True):
+    for years in sorted(maps, key=lambda t: -(math.inf if t is None else t)):
+        when = {"return_period_in_years": years, "extreme_scenario": years is None}
+        for polygon, k in zip(maps[years].polygons, maps[years].classes, strict=True):
             rows.append((polygon, {"intensity_class": preset.intensities[k - 1].code, **when}))
     return rows
 
