@@ -7,11 +7,10 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
 from typing import Any
 
+from sassgis.gap.constants import LEAST_POWER
 from sassgis.gap.forward.hypothesis_model import HypothesisModel
 
 Range = tuple[float, float]
-#: Share of the draws of a cause that must show, for what it closes to speak for it.
-LEAST_POWER = 0.05
 
 
 @dataclass(frozen=True, slots=True)
@@ -290,10 +289,7 @@ class Diagnosis:
 
 
 def as_json(diagnosis: Diagnosis) -> dict[str, Any]:
-    """Return the diagnosis as plain values, in the layout of ``diagnosis.json``.
-
-    Missing numbers (NaN) become None.
-    """
+    """Return the diagnosis in the layout of ``diagnosis.json``; missing numbers become None."""
     records = ("where", "which", "fingerprints", "gains", "ladder")
     plain: dict[str, Any] = without_nan(
         {

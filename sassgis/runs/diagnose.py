@@ -12,7 +12,6 @@ import numpy as np
 
 from sassgis.errors import InputError, Interrupted
 from sassgis.files.atomic_output import output_if_asked, write_text
-from sassgis.gap.advice.measure_next import DRAWS as DRAWS_COMPARED
 from sassgis.gap.advice.measure_next import separations, tables_to_add, what_is_identifiable
 from sassgis.gap.advice.recommendation import (
     first_sentence,
@@ -22,6 +21,14 @@ from sassgis.gap.advice.recommendation import (
     values_of,
     worst_of,
     wrong_ground,
+)
+from sassgis.gap.constants import (
+    CHOSEN_COUNT,
+    CHOSEN_NUMBER,
+    CONFIGURED_NUMBER,
+    DIAGNOSED_ROCKS,
+    FIT_DRAWS,
+    SEPARATION_DRAWS,
 )
 from sassgis.gap.diagnosis import (
     Advice,
@@ -34,11 +41,7 @@ from sassgis.gap.diagnosis import (
 )
 from sassgis.gap.fit.distances import RockDistances
 from sassgis.gap.fit.hypothesis_fit import (
-    CHOSEN,
-    CONFIGURED_NUMBER,
     CONTACT_LAW,
-    DRAWS,
-    FRESH,
     NONE,
     UNKNOWN,
     HypothesisFits,
@@ -92,8 +95,6 @@ from sassgis.simulation.workers import Jobs, OnProgress, one_algebra_thread, tas
 MAP_NAME = "map"
 #: Models that are handed over, whole, for measuring on other rocks.
 ENSEMBLE = "model/ensemble.json"
-#: With fewer rocks nothing can be left out.
-_FEWEST_ROCKS = 5
 _NOT_THE_LAW = (
     "another law of the contact closes more on rocks left out, but not certainly more than other "
     "values of the ground might"
@@ -112,7 +113,7 @@ def diagnose(
     jobs: Jobs = 1,
     seed: int = 1,
     overwrite: bool = False,
-    draws: int = DRAWS,
+    draws: int = FIT_DRAWS,
     ground_range: float = 1.0,
     report: bool = True,
     on_progress: OnProgress | None = None,
@@ -151,13 +152,13 @@ def diagnose(
         settings = configured(config, None)
         tell("Reading the inputs")
         case = prepared_case(settings, observations, seed, ground_range)
-        if case.n_rocks < _FEWEST_ROCKS:
+        if case.n_rocks < DIAGNOSED_ROCKS:
             raise InputError(
                 "too few rocks to distinguish a cause from chance",
                 file=observations_name(observations),
                 field="rocks",
                 found=case.n_rocks,
-                expected=f"{_FEWEST_ROCKS} or more",
+                expected=f"{DIAGNOSED_ROCKS} or more",
             )
         summary = summary_of(comparable(site_data_of(case, seed), observations))
         fingerprint = fingerprint_of(settings, observations, f"{seed} {draws} {ground_range:g}")
@@ -321,7 +322,7 @@ def _models_of(added: AddedCauses, cause: str) -> list[HypothesisModel]:
     own = added.base if cause in (NONE, CONTACT_LAW) else added.name(cause)
     if own in added.made.fits:
         fit = added.made.fits[own]
-        others = fit.samples(case, DRAWS_COMPARED - 1)
+        others = fit.samples(case, SEPARATION_DRAWS - 1)
         return [fit.handed_over.draw.model, *(draw.model for draw in others)]
     gain = added.evidence.gains.get(cause)
     return [] if gain is None else [draw_of(case, own, gain.shares).model]
@@ -439,7 +440,7 @@ def _write_models(file: Path, made: HypothesisFits, diagnosis: Diagnosis) -> Non
     kept: dict[str, Any] = {
         "seed": problem.seed,
         "named": diagnosis.shrinkage.effect,
-        "count": FRESH,
+        "count": CHOSEN_COUNT,
         "scale": {
             "names": list(scale.names),
             "centre": scale.centre.tolist(),
@@ -457,7 +458,7 @@ def _write_models(file: Path, made: HypothesisFits, diagnosis: Diagnosis) -> Non
         distance = diagnosis.ladder[0].distance if diagnosis.ladder else None
         for fit in made.fits.values():
             if fit.handed_over.draw.model == model:
-                number = CHOSEN
+                number = CHOSEN_NUMBER
                 rows = RockDistances.of(problem.rows, fit.handed_over.rows)
                 distance = rows.value() if scale.names else None
         kept[name] = {"number": number, "distance": distance, "model": model_as_json(model)}

@@ -45,9 +45,9 @@ AXES = ("centre", "scale")
 def few_draws() -> Iterator[None]:
     """Few draws, campaigns of the base and rounds: numbers are rough, all else is whole."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(model_comparison, "DRAWS", 6)
-        patch.setattr(model_comparison, "BASE", 5)
-        patch.setattr(hypothesis_fit, "ROUNDS", 1)
+        patch.setattr(model_comparison, "CAUSE_DRAWS", 6)
+        patch.setattr(model_comparison, "BASE_CAMPAIGNS", 5)
+        patch.setattr(hypothesis_fit, "FIT_ROUNDS", 1)
         yield
 
 

@@ -14,6 +14,23 @@ from dataclasses import dataclass
 import numpy as np
 
 from sassgis.errors import InputError
+from sassgis.gap.constants import (
+    CLASS_COUNT,
+    CLASS_DRAWS,
+    CLASS_LIMIT,
+    CLASS_LOOKED,
+    CLASS_ROUNDS,
+    DRAWS_EACH,
+    FINAL_COUNT,
+    FINAL_NUMBER,
+    LAST_ROUND,
+    LEAST_VALUE_ERROR,
+    MIDDLE_90,
+    MISFIT_NUMBER,
+    NO_PRIOR,
+    SITE_SAMPLES,
+    SPREAD_END,
+)
 from sassgis.gap.fit.distances import Interval
 from sassgis.gap.fit.fit_errors import (
     CalibrationFinding,
@@ -61,20 +78,6 @@ from sassgis.settings.ground import LIMITS, GroundTable
 from sassgis.settings.ground_ranges import ParameterRange, RangeRule, ranges_of
 from sassgis.settings.languages import phrase
 
-#: Rounds of the search, least draws of each and draws for each parameter, campaigns of a draw, and
-#: of a step that is looked at.
-_ROUNDS, _DRAWS, _EACH, COUNT, _LOOKED = 6, 32, 4, 2, 8
-#: Draws of the last round, over those of the others.
-_LAST = 3
-#: Standard deviations of the prior within which the parameters are searched.
-_LIMIT = 6.0
-#: Campaigns from which the errors are taken.
-FINAL_COUNT = 60
-#: Numbers of the campaigns for the errors begin here.
-_FINAL = 100_000
-#: Number of those from which misfits at the best parameters are taken.
-_MISFITS = 99_000
-
 
 @dataclass(frozen=True, slots=True)
 class CalibrationTask:
@@ -119,10 +122,7 @@ def calibration_task(
     rules: Sequence[RangeRule],
     seed: int,
 ) -> CalibrationTask:
-    """Return the parameters of some classes at some sites.
-
-    ``rules`` say how values vary between sites.
-    """
+    """Return what is to be calibrated; ``rules`` say how values vary between sites."""
     parameters: list[ClassParameter] = []
     for own in class_names:
         table = next(s.case.table for s in sites if own in s.case.table.names)
@@ -132,8 +132,8 @@ def calibration_task(
 
 def budget_of(task: CalibrationTask, draws: int | None) -> FitBudget:
     """Return draws of each round; default: 4 for each parameter, at least 32."""
-    own = draws or max(_DRAWS, _EACH * len(task.parameters))
-    return FitBudget(_ROUNDS, own, COUNT, _LOOKED, _LIMIT, _LAST * own)
+    own = draws or max(CLASS_DRAWS, DRAWS_EACH * len(task.parameters))
+    return FitBudget(CLASS_ROUNDS, own, CLASS_COUNT, CLASS_LOOKED, CLASS_LIMIT, LAST_ROUND * own)
 
 
 def run_trial(task: CalibrationTask, trial: Trial) -> Seen:
@@ -160,7 +160,7 @@ def run_site(task: CalibrationTask, at: SiteAt) -> Misfits:
     parts = np.arange(task.n_parts)[:, None]
     weights = [np.ones((1, problem.n_rocks)), problem.part != parts, rocks_drawn_anew(problem)]
     model = task.model(problem, Prior.of(task.parameters).shares(at[1]))
-    off = site.misfits(model, _MISFITS, FINAL_COUNT, np.vstack(weights))
+    off = site.misfits(model, MISFIT_NUMBER, FINAL_COUNT, np.vstack(weights))
     first = 1 + task.n_parts
     return Misfits(off[0], off[1:first], off[first:], site.units)
 
@@ -216,7 +216,7 @@ def held_out(task: CalibrationTask, found: Calibrated, run: RunFinals) -> list[P
     tasks = []
     for part in range(task.n_parts):
         shares = prior.shares(whole.estimate_without(part))
-        tasks += [FinalTask(k, shares, _FINAL + 10 + part) for k in range(len(task.sites))]
+        tasks += [FinalTask(k, shares, FINAL_NUMBER + 10 + part) for k in range(len(task.sites))]
     made = list(run(tasks))
     merged = []
     for k, site in enumerate(task.sites):
@@ -271,10 +271,7 @@ class SiteCalibration:
 
     @property
     def recommended(self) -> bool:
-        """Whether the calibrated classes are to be run: their gain on rocks left out clears zero.
-
-        At no site may they be worse by as much.
-        """
+        """Whether to run the calibrated classes: their gain clears zero, no site loses as much."""
         return self.gain.low > 0.0 and not any(s.gain.high < 0.0 for s in self.sites)
 
     @property
@@ -305,9 +302,9 @@ def result_of(task: CalibrationTask, found: Calibrated, run: RunFinals) -> SiteC
     finals = []
     for k, best in enumerate(own):
         finals += [
-            FinalTask(k, None, _FINAL),
-            FinalTask(k, posterior.best, _FINAL + 1),
-            FinalTask(k, best, _FINAL + 1),
+            FinalTask(k, None, FINAL_NUMBER),
+            FinalTask(k, posterior.best, FINAL_NUMBER + 1),
+            FinalTask(k, best, FINAL_NUMBER + 1),
         ]
     # What fits the only site best is what fits all.
     made = list(run(finals if len(own) > 1 else finals[:2]))
@@ -366,13 +363,6 @@ def _by_label(parameters: Sequence[ClassParameter], shares: FloatArray) -> dict[
 #: Nodes and weights of the quadrature over the standard deviation between sites, and its end in
 #: prior scales.
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(100)
-_END = 6.0
-#: Precision of the prior where the rocks of a site speak, and samples of what they leave.
-_NO_PRIOR, _SAMPLES = 1e-3, 2000
-#: Least error, as a share of the range: a value that is always at a limit is not known exactly.
-_LEAST_ERROR = 0.02
-#: Half of the middle 90 % of a normal distribution, in standard deviations.
-_MIDDLE = 1.645
 
 
 @dataclass(frozen=True, slots=True)
@@ -398,18 +388,10 @@ class BetweenSites:
 
 
 def between_sites(values: FloatArray, errors: FloatArray, scale: float) -> BetweenSites:
-    """Return the posterior of mean and spread by quadrature.
+    """Return the posterior of mean and spread of sites, by quadrature.
 
-    Parameters
-    ----------
-    values, errors : float64, shape (n_sites,)
-    scale : float
-        Of the half-normal prior of the standard deviation between sites.
-
-    Raises
-    ------
-    InputError
-        No values, or an error or a scale that is not above 0.
+    ``scale``: of the half-normal prior of the standard deviation between sites. InputError without
+    values, or if an error or the scale is not above 0.
     """
     if not values.size or not (errors > 0.0).all() or not scale > 0.0:
         raise InputError(
@@ -419,7 +401,7 @@ def between_sites(values: FloatArray, errors: FloatArray, scale: float) -> Betwe
         )
     # Denser towards 0, where a spread below the errors is reported.
     root = 0.5 * (_NODES + 1.0)
-    tau = _END * scale * root**2
+    tau = SPREAD_END * scale * root**2
     weight = 1.0 / (errors**2 + tau[:, None] ** 2)
     variance = 1.0 / weight.sum(axis=1)
     mean = variance * (weight * values).sum(axis=1)
@@ -439,10 +421,7 @@ def between_sites(values: FloatArray, errors: FloatArray, scale: float) -> Betwe
 def class_spread(
     found: Sequence[SiteValue], known: Sequence[ParameterRange]
 ) -> tuple[RangeRule, ...]:
-    """Return rows of a table of ranges: the middle 90 % of what a new site may have.
-
-    ``known``: what was assumed before; parameters without such a range are left out.
-    """
+    """Return ranges of the middle 90 % of a new site; ``known``: those from before, of the same."""
     rules = []
     for before in known:
         own = [
@@ -454,7 +433,7 @@ def class_spread(
         told = between_sites(
             np.array([v.value for v in own]), np.array([v.error for v in own]), before.sd
         )
-        room = _MIDDLE * told.predictive_sd
+        room = MIDDLE_90 * told.predictive_sd
         low, high = np.clip([told.mean - room, told.mean + room], *LIMITS[before.parameter])
         source = (
             f"Random effects over {', '.join(v.site for v in own)}: mean {told.mean:.3g} (standard "
@@ -484,19 +463,16 @@ def spread_of_sites(
 
 
 def site_values(task: CalibrationTask, found: Calibrated) -> tuple[SiteValue, ...]:
-    """Return values that the rocks of each single site leave, and their standard errors.
-
-    What the rocks do not identify scatters over its range.
-    """
+    """Return values that the rocks of each single site leave, and their standard errors."""
     prior, out = Prior.of(task.parameters), []
     for k, (site, told) in enumerate(zip(task.sites, found.told, strict=True)):
         rng = np.random.default_rng([task.seed, 11, k])
-        shares = prior.shares(rng.multivariate_normal(*told.estimate(_NO_PRIOR), _SAMPLES))
+        shares = prior.shares(rng.multivariate_normal(*told.estimate(NO_PRIOR), SITE_SAMPLES))
         met = classes_met(site.case)
         for j, p in enumerate(task.parameters):
             if p.class_name in met:
                 values = p.value(shares[:, j])
-                error = max(float(values.std()), _LEAST_ERROR * (p.limits.high - p.limits.low))
+                error = max(float(values.std()), LEAST_VALUE_ERROR * (p.limits.high - p.limits.low))
                 value = float(values.mean())
                 out.append(SiteValue(site.name, p.class_name, p.name, value, error, site.n_rocks))
     return tuple(out)

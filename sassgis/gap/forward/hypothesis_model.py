@@ -79,11 +79,10 @@ class HypothesisModel:
         return replace(configured, **self.engine_keys)  # type: ignore[arg-type]
 
     def sections(self, configured: EffectSettings) -> dict[str, dict[str, Any]]:
-        """Return ``[effects.*]`` sections of a configuration that has only some of these effects.
+        """Return ``[effects.*]`` sections for a configuration that has only some of these effects.
 
-        Every effect of the model that is not configured as it is here: family to key to value, the
-        form and whatever is not as by default. Errors of release and measurement are no part of the
-        motion.
+        Every effect of the model that is not configured as it is here: the form, and whatever is
+        not as by default.
         """
         return {
             effect.name: {
@@ -112,13 +111,7 @@ def model_as_json(model: HypothesisModel) -> dict[str, Any]:
 
 
 def model_from_json(plain: Mapping[str, Any]) -> HypothesisModel:
-    """Return the model of ``model_as_json``.
-
-    Raises
-    ------
-    KeyError, TypeError
-        If the values are not those of a model.
-    """
+    """Return the model of ``model_as_json``; KeyError or TypeError if it is none."""
     effects = [
         EFFECTS[name].settings(
             **{k: tuple(v) if isinstance(v, list) else v for k, v in own.items()}

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.spatial import cKDTree
 
+from sassgis.gap.constants import BESIDE_LINE_M, FEWEST_PAIRS, STRETCH_M
 from sassgis.gap.observations.campaign import (
     Campaign,
     Errors,
@@ -27,9 +28,6 @@ from sassgis.settings.map_run import Forest
 from sassgis.settings.profiles import ControlLineCrossings, ProfileSet
 from sassgis.settings.results import ControlLine
 from sassgis.terrain.release import point_keys
-
-#: Pairs of contacts from which the shortest time between two is taken; fewer say nothing of it.
-_FEWEST_PAIRS = 10
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,7 +53,7 @@ def observer_of(case: Case) -> Observer:
     elif seen.contacts is not None:
         contacts = seen.contacts
         apart = np.diff(contacts.start_s)[np.diff(contacts.rock) == 0]
-    soonest = float(apart.min()) if apart.size >= _FEWEST_PAIRS else 0.0
+    soonest = float(apart.min()) if apart.size >= FEWEST_PAIRS else 0.0
     return Observer(
         errors_of(case),
         stated_or(meta.contact_min_normal_speed_mps, slowest),
@@ -102,20 +100,10 @@ def _missed(case: Case, seen: Campaign) -> float:
 def recorded_contacts(
     observer: Observer, rock: IntArray, time_s: FloatArray, into_mps: FloatArray
 ) -> tuple[IntArray, IntArray]:
-    """Return contacts that are recorded, and the last of those that each is taken for one with.
+    """Return rows of contacts that are recorded, and of the last that each is taken for one with.
 
-    Parameters
-    ----------
-    rock : int64, shape (n,)
-        Contacts of a rock follow each other in time.
-    time_s : float64, shape (n,)
-    into_mps : float64, shape (n,)
-        Speed into the ground.
-
-    Returns
-    -------
-    first, last : int64
-        Rows: the state before is that of the first, the state after that of the last.
+    The state before is that of the first, the state after that of the last. Contacts of a rock
+    follow each other in ``time_s``; ``into_mps``: speed into the ground; all of shape (n,).
     """
     least = observer.contact_min_normal_speed_mps
     hard = np.flatnonzero((into_mps > 0.0) & (into_mps >= least))
@@ -133,12 +121,6 @@ def recorded_contacts(
             first.append(row)
             last.append(row)
     return np.array(first, np.int64), np.array(last, np.int64)
-
-
-#: Length of the stretches on which a forest stands or not (m).
-STRETCH_M = 2.0
-#: Cells farther from all fall lines than this have no chainage (m).
-_BESIDE_M = 150.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -188,10 +170,7 @@ def rock_lines_of(case: Case) -> RockLines:
 
 
 def _cut_into_stretches(profiles: ProfileSet, first: float) -> ProfileSet:
-    """Return profiles with stretches of STRETCH_M for a forest.
-
-    ``first``: where these begin (m).
-    """
+    """Return profiles with stretches of STRETCH_M for a forest from ``first`` on (m)."""
     borders, cells = [], []
     for i in range(len(profiles)):
         s = profiles.vertices(i)[0]
@@ -238,7 +217,7 @@ def _chainage_of_cells(case: Case) -> FloatArray:
     grid, traces = case.terrain.grid, case.traces
     centres = np.column_stack(grid.cell_centres(np.arange(grid.values.size)))
     tree = cKDTree(np.column_stack([traces.x, traces.y]))
-    far, nearest = tree.query(centres, distance_upper_bound=_BESIDE_M)
+    far, nearest = tree.query(centres, distance_upper_bound=BESIDE_LINE_M)
     return np.append(traces.s, np.nan)[np.where(np.isfinite(far), nearest, -1)]
 
 

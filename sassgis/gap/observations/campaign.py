@@ -8,15 +8,17 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from sassgis.gap.constants import (
+    MASS_ERROR_REL,
+    PASSING_HEIGHT_ERROR_M,
+    POSITION_ERROR_M,
+    ROTATION_ERROR_REL,
+    SPEED_ERROR_REL,
+    TURN_ERROR_DEG,
+)
 from sassgis.gap.observations.case import Case
 from sassgis.gap.observations.hops import ContactRows, contacts_of
-from sassgis.gap.observations.observed import (
-    MASS_ERROR_REL,
-    POSITION_ERROR_M,
-    SPEED_ERROR_REL,
-    deposit_masses_kg,
-    stated_or,
-)
+from sassgis.gap.observations.observed import deposit_masses_kg, stated_or
 from sassgis.grid import FloatArray, IntArray
 
 #: Kinds of block: the rock itself, a fragment of it, a block that belongs to no rock.
@@ -86,10 +88,10 @@ class Errors:
     """
 
     speed_rel: float = SPEED_ERROR_REL
-    rotation_rel: float = 0.06
-    height_m: float = 0.15
+    rotation_rel: float = ROTATION_ERROR_REL
+    height_m: float = PASSING_HEIGHT_ERROR_M
     position_m: float = POSITION_ERROR_M
-    turn_deg: float = 2.0
+    turn_deg: float = TURN_ERROR_DEG
     mass_rel: float = MASS_ERROR_REL
     stop_m: float = POSITION_ERROR_M
 
@@ -162,10 +164,7 @@ def _impacts(case: Case) -> ImpactRows:
 
 
 def main_blocks(rows: DepositRows, n_rocks: int) -> NDArray[np.int64]:
-    """Return row of the largest block that remains of each rock; -1 where none was found.
-
-    Where masses are unknown the whole rock, or the first fragment, counts.
-    """
+    """Return the row of the heaviest block of each rock, of unknown masses the first; or -1."""
     best = np.full(n_rocks, -1, np.int64)
     own = np.flatnonzero(rows.rock >= 0)
     mass = np.where(np.isfinite(rows.mass_kg), rows.mass_kg, 0.0)[own]

@@ -16,6 +16,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from sassgis.gap.constants import (
+    CENTRE_M,
+    FLIGHT_WAY_M,
+    IMPACT_DRAWS,
+    LONGEST_FLIGHT,
+    REPLICATES,
+    SHORTEST_FLIGHT,
+)
 from sassgis.gap.forward.hypothesis_model import HypothesisModel, MeasurementError
 from sassgis.gap.forward.observation_operator import with_release
 from sassgis.gap.forward.rock_lines import rock_lines_of
@@ -42,14 +50,6 @@ from sassgis.gap.residuals.stop_residuals import (
     side_error,
 )
 from sassgis.grid import FloatArray, IntArray
-
-#: Share of the length of a free flight that one between two observed impacts may lack or exceed.
-_SHORTEST, _LONGEST = 0.4, 1.3
-_LEAST_WAY_M = 1.0
-#: Height by which the centre of a rock at two impacts may lie differently above the ground (m).
-_CENTRE_M = 0.15
-#: Orientations and slopes drawn for each observed impact.
-IMPACT_DRAWS = 32
 
 
 @dataclass(frozen=True, slots=True)
@@ -183,10 +183,10 @@ def _flights(case: Case, rows: ImpactRows | None, step: str) -> list[_Part]:
         share = way / (level * time)
     out = 0.5 * (rows.vt_out[first] ** 2 + rows.vn_out[first] ** 2)
     into = 0.5 * (rows.vt_in[last] ** 2 + rows.vn_in[last] ** 2)
-    flown = (way > _LEAST_WAY_M) & (share > _SHORTEST) & (share < _LONGEST)
+    flown = (way > FLIGHT_WAY_M) & (share > SHORTEST_FLIGHT) & (share < LONGEST_FLIGHT)
     sd = np.sqrt(
         (2.0 * errors.speed_rel) ** 2 * (out**2 + into**2)
-        + (g * np.hypot(_CENTRE_M, errors.position_m)) ** 2
+        + (g * np.hypot(CENTRE_M, errors.position_m)) ** 2
     )
     length = np.hypot(way, fall)
     return [
@@ -287,10 +287,6 @@ def _stops(case: Case, run: FreeRun) -> list[_Part]:
     ]  # fmt: skip
 
 
-#: Runs of each rock.
-REPLICATES = 20
-
-
 @dataclass(frozen=True, slots=True)
 class ResidualTable:
     """Observed against predicted."""
@@ -303,10 +299,7 @@ class ResidualTable:
 def residuals_of(
     case: Case, model: HypothesisModel, *, seed: int, replicates: int = REPLICATES
 ) -> ResidualTable:
-    """Compare a case with a model, its errors of release and measurement apart.
-
-    ``configured_model`` returns that of the configuration. ``replicates``: runs of each rock.
-    """
+    """Compare a case with a model, its errors of release and measurement apart."""
     rng = np.random.default_rng([seed, 31])
     running = RunModel.of(case, model, seed)
     run = free_run(case, running, replicates)
@@ -355,10 +348,7 @@ def _scaled_back(case: Case, error: MeasurementError) -> Case:
 
 
 def reach_edges(case: Case, run: FreeRun) -> FloatArray:
-    """Return chainages between which reaches lie, mean over rocks (m), shape (n_reaches, 2).
-
-    The last reach ends where the last rock lies, observed or simulated.
-    """
+    """Return limits of the reaches, mean over rocks (m), (n_reaches, 2), down to the last rock."""
     start = float(case.start.mean())
     s = case.station_s
     known = np.isfinite(s)

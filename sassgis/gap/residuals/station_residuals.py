@@ -16,6 +16,13 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from sassgis.engine.simulate import moving_axes
+from sassgis.gap.constants import (
+    FEWEST_LIKE_ROCKS,
+    LIKE_ROCKS,
+    PARALLEL_S,
+    PARALLEL_STEP_S,
+    RESTART_DROP_M,
+)
 from sassgis.gap.forward.released_rocks import Releases, fixed_blocks, move
 from sassgis.gap.forward.rock_lines import RockLines, dips_at
 from sassgis.gap.observations.campaign import errors_of
@@ -31,14 +38,6 @@ from sassgis.gap.residuals.stop_residuals import (
     residuals_at_station,
 )
 from sassgis.grid import FloatArray, IntArray
-
-#: Rocks of the model among which one is drawn that reached a station like the observed one, and
-#: how many there must be.
-_LIKE, _LEAST_LIKE = 150, 24
-#: Longest time along a flight to where it runs parallel to the ground (s), and its steps.
-_LONGEST_S, _STEP_S = 1.5, 0.02
-#: Least height of a restart in flight above the resting position, and of a start above zero (m).
-_LEAST_DROP_M = 1e-3
 
 
 def reach_residuals(
@@ -96,11 +95,7 @@ def _weaker(first: FloatArray, second: FloatArray) -> FloatArray:
 def _restarted(
     case: Case, model: RunModel, seen: AtStations, run: FreeRun, k: int, rng: np.random.Generator
 ) -> tuple[AtStations, FloatArray] | None:
-    """Return runs from station ``k`` of the rocks that were seen there, as many as of the free run.
-
-    Arrays of shape (n_rocks, replicates, n_stations), and the run-out (m), shape (n_rocks,
-    replicates). None if fewer than two rocks can be restarted.
-    """
+    """Return runs from station ``k`` of rocks seen there, and run-outs (m); or None."""
     n, m = run.ends.runout_m.shape
     started = np.isfinite(seen.speed_mps[:, k]) & (seen.speed_mps[:, k] > 0.0)
     rocks = np.flatnonzero(started)
@@ -143,8 +138,7 @@ def _states(
     """Return chainages and states of the blocks in which rocks start again at station ``k``.
 
     The engine lets a rock go along the ground, from a height. A flight across the station in any
-    other direction is therefore begun where it runs along the ground, before or behind the
-    station: that is the same flight.
+    other direction is therefore begun where it runs along the ground: that is the same flight.
     """
     error = errors_of(case)
     size = rock.size
@@ -171,12 +165,12 @@ def _states(
     # On the ground it stands so that its spin needs no lever: on its flat or its narrow side.
     orientation = np.where(ground, 0.5 * math.pi * rng.integers(0, 2, size), orientation)
     support = np.hypot(a * np.sin(orientation), b * np.cos(orientation))
-    centre = np.maximum(above + b / np.cos(dip), b / np.cos(dip) + _LEAST_DROP_M)
+    centre = np.maximum(above + b / np.cos(dip), b / np.cos(dip) + RESTART_DROP_M)
     angle = np.clip(dip + rise_rad, -1.5, 1.5)
     start, fast, high, dip_there = _parallel(
         case, rock_lines, rock, s, centre, speed * np.cos(angle), speed * np.sin(angle), k
     )
-    drop = np.maximum(high - support / np.cos(dip_there), _LEAST_DROP_M)
+    drop = np.maximum(high - support / np.cos(dip_there), RESTART_DROP_M)
     return np.where(ground, s, start), {
         "speed_mps": np.where(ground, speed, fast),
         "spin_radps": spin,
@@ -197,10 +191,10 @@ def _like(
     blur: tuple[float, float, float],
     rng: np.random.Generator,
 ) -> IntArray:
-    """Return number of one of the rocks that came which are most like each of some that were seen.
+    """Return one of the rocks that came which are most like each of some that were seen.
 
-    By speed, turning and height above the resting position, as ``_came`` has them. ``blur``:
-    relative errors of the first two, and the error of the height (m), within which they are alike.
+    By speed, turning and height, within ``blur``: relative errors of two, and that of the height
+    (m).
     """
     data, asked = [], []
     for k, (own, other, error) in enumerate(zip(came, seen, blur, strict=True)):
@@ -211,7 +205,7 @@ def _like(
         scale = math.hypot(error, 0.1 * float(own.std())) + 1e-9
         data.append(own / scale)
         asked.append(known / scale)
-    count = min(_LIKE, came[0].size)
+    count = min(LIKE_ROCKS, came[0].size)
     far, near = cKDTree(np.column_stack(data)).query(np.column_stack(asked), k=count)
     # Each with the likelihood of what was seen, up to a factor.
     total = np.cumsum(np.exp(0.5 * (far[:, :1] ** 2 - far**2)), axis=1)
@@ -223,11 +217,10 @@ def _like(
 def _came(run: FreeRun, k: int, dip: FloatArray) -> tuple[FloatArray, ...] | None:
     """Return the rocks that the model brings to a station; None if these are too few.
 
-    Whether it rolls or slides, angle of the velocity above the ground (rad), speed (m/s), ω r/v,
-    height above the resting position (m).
+    Whether they roll, angle above the ground (rad), speed (m/s), ω r/v, height above resting (m).
     """
     i, j = np.nonzero(run.at.arrived[:, :, k] == 1.0)
-    if i.size < _LEAST_LIKE:
+    if i.size < FEWEST_LIKE_ROCKS:
         return None
     speed = run.at.speed_mps[i, j, k]
     radius = np.cbrt(run.axes_m[i, j].prod(axis=1))
@@ -250,7 +243,7 @@ def _parallel(
 ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
     """Find where flights run along the ground: chainage, speed, height of the centre, dip."""
     g = case.engine.gravity_mps2
-    t = np.arange(-_LONGEST_S, _LONGEST_S + 0.5 * _STEP_S, _STEP_S)
+    t = np.arange(-PARALLEL_S, PARALLEL_S + 0.5 * PARALLEL_STEP_S, PARALLEL_STEP_S)
     zero = int(np.argmin(np.abs(t)))
     start, speed, height = s.copy(), np.hypot(vx, vz), centre.copy()
     station = case.station_s

@@ -11,6 +11,7 @@ from scipy.cluster.hierarchy import fcluster, linkage
 
 from sassgis.engine.effects.lateral_deflection import LateralDeflection
 from sassgis.engine.simulate import moving_axes
+from sassgis.gap.constants import FLYING_M, LOGGED_EVENTS, ONE_RELEASE_M, SPEED_PARTS
 from sassgis.gap.forward.hypothesis_model import HypothesisModel
 from sassgis.gap.forward.observation_operator import observe
 from sassgis.gap.forward.released_rocks import Moved, all_rocks, move
@@ -21,15 +22,6 @@ from sassgis.gap.residuals.rock_residuals import Residual, beyond, mean_of_draws
 from sassgis.grid import BoolArray, FloatArray, IntArray
 from sassgis.settings.profiles import ProfileSet
 from sassgis.settings.results import StopReason
-
-#: Events of each block from which its impacts are taken.
-_MOST_EVENTS = 160
-#: Starts less far apart than this are one release: errors of the terrain there are shared (m).
-_RELEASE_M = 10.0
-#: Part of the impacts whose speeds count as the same.
-_SPEED_PARTS = 10
-#: Height above the resting position from which most rocks at a station count as flying (m).
-FLYING_M = 0.3
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,10 +48,7 @@ class Ends:
 
 @dataclass(frozen=True, slots=True)
 class FreeRun:
-    """Replicates of the rocks of a case, released where they were.
-
-    Arrays of shape (n_rocks, replicates, n_stations), of ``ends`` (n_rocks, replicates).
-    """
+    """Replicates of the rocks, arrays (n_rocks, replicates, n_stations), of ``ends`` (.., ..)."""
 
     at: AtStations
     ground: BoolArray  # whether they rolled or slid there
@@ -76,18 +65,14 @@ class FreeRun:
         return radius
 
     def turn_after(self, out_mps: FloatArray) -> FloatArray:
-        """Return the mean turn of paths at impacts that they leave as fast (deg), shape (n,).
-
-        Over a tenth of the impacts, those of about the same speed: slow rocks turn more. 0 without
-        any.
-        """
+        """Return the mean turn of paths at impacts that they leave as fast (deg), (n,)."""
         columns = [(np.hypot(rows.vt_out, rows.vn_out), rows.turn_deg) for rows in self.impacts]
         speed, turn = np.concatenate([np.empty((2, 0)), *columns], axis=1)
         known = np.isfinite(speed) & np.isfinite(turn)
         order = np.argsort(speed[known], kind="stable")
         if not order.size:
             return np.zeros(out_mps.size)
-        near = max(order.size // _SPEED_PARTS, 1)
+        near = max(order.size // SPEED_PARTS, 1)
         size = sliding_window_view(np.abs(turn[known][order]), near).mean(axis=1)
         middle = sliding_window_view(speed[known][order], near).mean(axis=1)
         return np.asarray(np.interp(out_mps, middle, size))
@@ -146,10 +131,7 @@ def _not_passed(case: Case) -> BoolArray:
 
 
 def observed_end(case: Case) -> Ends:
-    """Return the observed end of each rock; arrays of shape (n_rocks,), NaN where nothing was.
-
-    Blocks that belong to no rock are counted with the rocks of their fall line, in turn.
-    """
+    """Return the end of each rock, or NaN; nameless blocks count with rocks of their line."""
     n = case.n_rocks
     rows = observed_campaign(case).deposits
     if rows is None:
@@ -182,7 +164,7 @@ def free_run(case: Case, model: RunModel, replicates: int) -> FreeRun:
         model.moving,
         seed=model.seed,
         count=replicates,
-        log_events=_MOST_EVENTS if recorded else 0,
+        log_events=LOGGED_EVENTS["impacts"] if recorded else 0,
     )
     axes = np.stack([done.rocks[f] for f in ("a_m", "b_m", "c_m")], axis=1)
     axes = axes.reshape(n, replicates, 3)
@@ -198,10 +180,7 @@ def free_run(case: Case, model: RunModel, replicates: int) -> FreeRun:
 
 
 def _impacts(case: Case, model: RunModel, done: Moved, count: int) -> tuple[ImpactRows, ...]:
-    """Return impacts of each replicate.
-
-    What instruments scale is scaled back in the case already.
-    """
+    """Return impacts of each replicate; what instruments scale is scaled back already."""
     error = replace(model.moving.measurement, scale=1.0, spin_scale=1.0, stretch=1.0)
     rng = np.random.default_rng([model.seed, 35])
     made = observe(
@@ -219,9 +198,7 @@ def passages_of(
     moving: FloatArray,
     n_stations: int,
 ) -> tuple[AtStations, BoolArray, FloatArray]:
-    """Return passages as arrays by rock, replicate and station.
-
-    Of a rock and its fragments they are the rock's.
+    """Return passages as arrays by rock, replicate and station; of fragments they are the rock's.
 
     ``rock`` and ``draw`` are those of each passage, ``moving`` the semi-axes of rocks as they move
     (m), shape (n, k, 3).
@@ -314,18 +291,12 @@ def free_run_residuals(
 
 
 def side_error(case: Case, stop: bool = False) -> float:
-    """Return the error of an offset from the fall line (m), of a stop or of a passage.
-
-    The line starts where the rock was seen to start, and is known to half a cell.
-    """
+    """Return the error of an offset (m): of its ends, and of the line, known to half a cell."""
     return math.hypot(_ends_error(case, stop), 0.5 * case.grid.cell_size)
 
 
 def _ends_error(case: Case, stop: bool) -> float:
-    """Return the error of measurement at both ends of an offset (m).
-
-    The ends are the start, and the passage or stop.
-    """
+    """Return the error at both ends of an offset: the start, and the passage or stop (m)."""
     error = errors_of(case)
     return math.hypot(error.position_m, error.stop_m if stop else error.position_m)
 
@@ -365,15 +336,12 @@ def _sides(
 
 
 def _apart(case: Case, lateral: FloatArray) -> FloatArray:
-    """Return offsets of campaigns less what the rocks of each release have in common in it.
-
-    ``lateral``: shape (n_rocks, n_campaigns). A rock that was released by itself keeps nothing.
-    """
+    """Return offsets (n_rocks, n_campaigns) less what rocks of each release have in common."""
     start = case.traces.offset[case.line]
     places = np.column_stack([case.traces.x[start], case.traces.y[start]])
     release = np.ones(1, np.int64)
     if len(places) > 1:
-        release = fcluster(linkage(places, "single"), _RELEASE_M, "distance")
+        release = fcluster(linkage(places, "single"), ONE_RELEASE_M, "distance")
     found = lateral.copy()
     for k in np.unique(release).tolist():
         own = release == k

@@ -9,7 +9,7 @@ import pytest
 from helpers.simulated_slope import observed, with_metadata, with_observed, with_rows
 
 from sassgis.gap.causes.all_causes import CAUSES
-from sassgis.gap.causes.cause import LEAST, Scoring, Unseen
+from sassgis.gap.causes.cause import Scoring, Unseen
 from sassgis.gap.causes.measurement_error_cause import (
     _AGAINST_FALLS,
     _IN_TIME,
@@ -18,6 +18,7 @@ from sassgis.gap.causes.measurement_error_cause import (
     _passing,
     _speed_ratios,
 )
+from sassgis.gap.constants import FINGERPRINT_ROCKS
 from sassgis.gap.fit.hypothesis_fit import draw_of, space_of
 from sassgis.gap.fit.site_data import SiteData
 from sassgis.gap.observations.case import Case
@@ -58,7 +59,7 @@ def test_a_scale_of_the_stations_is_seen_where_films_state_no_speed() -> None:
         assert _passing(scaled, NO_RESIDUALS).size == pytest.approx(scale, rel=0.03)
     # Films that begin below the last station, and of few rocks.
     late = seen.projected["trajectories"].s > seen.station_s.max()
-    few = seen.observations.rock_of("trajectories") < LEAST - 1
+    few = seen.observations.rock_of("trajectories") < FINGERPRINT_ROCKS - 1
     for kept in (late, few):
         with pytest.raises(Unseen):
             _passing(with_rows(seen, "trajectories", kept), NO_RESIDUALS)
