@@ -316,7 +316,7 @@ def test_the_gpkg_is_not_overwritten(case: Case, written: Path) -> None:
 def test_reaches_of_a_line_end_at_its_own_crossings(case: Case) -> None:
     line = used_lines(case)[3]
     low, high = limits_on(case, finding("S1-S2", "flight", "speed_mps", -1.0), line)
-    assert (low, high) == tuple(case.stations.s[line])
+    assert (low, high) == tuple(case.stations[line])
     part = line_stretch(case.traces, line, low, high)
     length = np.hypot(*np.diff(part, axis=0).T).sum()
     assert length == pytest.approx(high - low, rel=1e-6)

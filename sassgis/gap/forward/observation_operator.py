@@ -104,8 +104,7 @@ class _Record:
         rng: np.random.Generator,
     ) -> None:
         self._case, self._lines, self._model, self._moved = case, rock_lines, model, moved
-        self._observer, m = rock_lines.observer, model.measurement
-        self._errors = self._observer.errors
+        self._errors, m = rock_lines.observer, model.measurement
         self._rng, self._n, self._count = rng, case.n_rocks, count
         total = self._n * count
         first = model.release
@@ -165,7 +164,7 @@ class _Record:
     def passages(self) -> PassageRows:
         """Return the passages at the stations."""
         moved, aside = self._moved.passages, self._moved.passed_lateral_m
-        missed = self._observer.passages_missed_share
+        missed = self._errors.passages_missed_share
         seen = self._rng.random(moved.size) >= missed if missed > 0.0 else np.full(moved.size, True)
         rows, aside = moved[seen], aside[seen]
         owner = self._numbers(rows)
@@ -227,7 +226,7 @@ class _Record:
 
         vt_in, vn_in, spin_in = apart(before)
         vt_out, vn_out, spin_out = apart(after)
-        first, last = recorded_contacts(self._observer, owner, before["t_s"], -vn_in)
+        first, last = recorded_contacts(self._errors, owner, before["t_s"], -vn_in)
         owner, n = owner[first], first.size
         turn = self._rng.standard_normal(n) * errors.turn_deg - turned[first]
         # Where the ground was met: the foot of the centre on the segment.
@@ -256,7 +255,7 @@ class _Record:
         # What lasts is a contact however slow the rock came to it.
         into = events["vx_mps"] * events["uz"] - events["vz_mps"] * events["ux"]
         into = np.where(events["phase"] == IMPACT, into, np.inf)[first]
-        kept, last = recorded_contacts(self._observer, owner[first], events["t_s"][first], into)
+        kept, last = recorded_contacts(self._errors, owner[first], events["t_s"][first], into)
         first, after = first[kept], after[last]
         # The time of a rock goes on from that of the one before: all are interpolated at once.
         steps = np.diff(events["t_s"], prepend=0.0)

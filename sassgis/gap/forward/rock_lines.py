@@ -30,17 +30,7 @@ from sassgis.settings.results import ControlLine
 from sassgis.terrain.release import point_keys
 
 
-@dataclass(frozen=True, slots=True)
-class Observer:
-    """How a motion is recorded."""
-
-    errors: Errors
-    contact_min_normal_speed_mps: float = 0.0  # lighter ones are not recorded
-    contact_min_interval_s: float = 0.0  # sooner than this after one: taken for one with it
-    passages_missed_share: float = 0.0  # of those at stations
-
-
-def observer_of(case: Case) -> Observer:
+def observer_of(case: Case) -> Errors:
     """Return the observer of a case: as its metadata state, else as its tables show."""
     meta = case.observations.metadata
     seen = observed_campaign(case)
@@ -54,11 +44,11 @@ def observer_of(case: Case) -> Observer:
         contacts = seen.contacts
         apart = np.diff(contacts.start_s)[np.diff(contacts.rock) == 0]
     soonest = float(apart.min()) if apart.size >= FEWEST_PAIRS else 0.0
-    return Observer(
+    return replace(
         errors_of(case),
-        stated_or(meta.contact_min_normal_speed_mps, slowest),
-        stated_or(meta.contact_min_interval_s, soonest),
-        stated_or(meta.passages_missed_share, _missed(case, seen)),
+        contact_min_normal_speed_mps=stated_or(meta.contact_min_normal_speed_mps, slowest),
+        contact_min_interval_s=stated_or(meta.contact_min_interval_s, soonest),
+        passages_missed_share=stated_or(meta.passages_missed_share, _missed(case, seen)),
     )
 
 
@@ -98,7 +88,7 @@ def _missed(case: Case, seen: Campaign) -> float:
 
 
 def recorded_contacts(
-    observer: Observer, rock: IntArray, time_s: FloatArray, into_mps: FloatArray
+    observer: Errors, rock: IntArray, time_s: FloatArray, into_mps: FloatArray
 ) -> tuple[IntArray, IntArray]:
     """Return rows of contacts that are recorded, and of the last that each is taken for one with.
 
@@ -140,7 +130,7 @@ class RockLines:
     #: Where paths are followed: chainage of the nearest fall line at each cell (m), shape
     #: (n_cells,); NaN far away.
     cell_s: FloatArray
-    observer: Observer  # of the field
+    observer: Errors  # of the field
 
 
 def rock_lines_of(case: Case) -> RockLines:

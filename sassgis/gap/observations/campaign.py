@@ -82,10 +82,7 @@ class Campaign:
 
 @dataclass(frozen=True, slots=True)
 class Errors:
-    """Standard errors of measurement: as stated in the metadata, else what is usual.
-
-    ``stop_m`` is that of the place of a stop, ``position_m`` of any other.
-    """
+    """How a motion is recorded: standard errors, stated or usual, and what is not seen."""
 
     speed_rel: float = SPEED_ERROR_REL
     rotation_rel: float = ROTATION_ERROR_REL
@@ -93,7 +90,10 @@ class Errors:
     position_m: float = POSITION_ERROR_M
     turn_deg: float = TURN_ERROR_DEG
     mass_rel: float = MASS_ERROR_REL
-    stop_m: float = POSITION_ERROR_M
+    stop_m: float = POSITION_ERROR_M  # of the place of a stop; ``position_m``: of any other
+    contact_min_normal_speed_mps: float = 0.0  # lighter contacts are not recorded
+    contact_min_interval_s: float = 0.0  # sooner than this after one: taken for one with it
+    passages_missed_share: float = 0.0  # of those at stations
 
 
 def errors_of(case: Case) -> Errors:

@@ -23,7 +23,6 @@ from sassgis.gap.constants import (
 from sassgis.gap.observations.observed import Observations, rock_masses_kg
 from sassgis.gap.observations.projection import (
     Projected,
-    StationChainages,
     observed_release_points,
     project_observations,
     prolonged,
@@ -71,7 +70,7 @@ class Case:
     mass_kg: FloatArray  # shape (n_rocks,); as observed, NaN where unknown
     #: Of the sphere of equal volume, shape (n_rocks,); where unknown, of the configured blocks.
     radius_m: FloatArray
-    stations: StationChainages  # where lines cross the stations, shape (n_lines, n_stations)
+    stations: FloatArray  # chainages of the stations, shape (n_lines, n_stations); NaN: not crossed
     projected: Mapping[str, Projected]  # every point by table, in the plane of its rock's line
     #: What paths are followed on, with the stations; None: rocks keep to their fall lines.
     terrain: PathTerrain | None = None
@@ -119,15 +118,15 @@ class Case:
 
     @property
     def station_order(self) -> IntArray:
-        """Rows of the table of stations that fall lines cross, from the top down."""
-        order = self.stations.order
-        crossed = np.asarray(np.isfinite(self.stations.s).any(axis=0), np.bool_)
-        return np.asarray(order[crossed[order]], np.int64)
+        """Rows of the table of stations that fall lines cross, by the median chainage."""
+        crossed = np.flatnonzero(np.isfinite(self.stations).any(axis=0))
+        middle = np.nanmedian(self.stations[:, crossed], axis=0)
+        return crossed[np.argsort(middle, kind="stable")]
 
     @property
     def station_s(self) -> FloatArray:
         """Chainage of ``station_names`` on the lines of rocks (m), (n_rocks, n_stations)."""
-        return self.stations.s[self.line][:, self.station_order]
+        return self.stations[self.line][:, self.station_order]
 
     @property
     def reaches(self) -> tuple[str, ...]:

@@ -36,16 +36,6 @@ class Projected:
     beyond: NDArray[np.int8]
 
 
-@dataclass(frozen=True, slots=True)
-class StationChainages:
-    """Where fall lines cross stations."""
-
-    #: Chainage of the first crossing (m), shape (n_lines, n_stations); NaN where there is none.
-    s: FloatArray
-    #: Stations from the top down by the median chainage, those that no line crosses last.
-    order: IntArray
-
-
 def observed_release_points(observations: Observations) -> tuple[ReleasePoints, IntArray]:
     """Return the release points of rocks that have one, and the place of each in ``rock_names``.
 
@@ -173,21 +163,19 @@ def project_observations(
 
 def station_chainages(
     traces: TraceSet, stations: Stations, *, prolong_m: float = 0.0
-) -> StationChainages:
+) -> FloatArray:
     """Find where each fall line first crosses each station (m), (n_lines, n_stations); or NaN.
 
     Stations are prolonged by ``prolong_m``: a line may pass just next to what every rock crossed.
     """
-    s, middle = np.full((len(traces), len(stations)), np.nan), np.full(len(stations), np.inf)
+    s = np.full((len(traces), len(stations)), np.nan)
     for j, vertices in enumerate(stations.vertices):
         if vertices.shape[0] < 2:
             continue
         line, chainage = crossings(traces, prolonged(vertices, prolong_m))
         # Crossings of a line come by rising chainage: written backwards, the first one stays.
         s[line[::-1], j] = chainage[::-1]
-        if line.size:
-            middle[j] = np.nanmedian(s[:, j])
-    return StationChainages(s, np.argsort(middle, kind="stable"))
+    return s
 
 
 def prolonged(vertices: FloatArray, by_m: float) -> FloatArray:

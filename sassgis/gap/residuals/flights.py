@@ -43,7 +43,7 @@ from sassgis.gap.forward.rock_lines import repeated
 from sassgis.gap.observations.campaign import errors_of
 from sassgis.gap.observations.case import Case
 from sassgis.gap.residuals.rock_residuals import Residual, beyond, mean_of_draws
-from sassgis.gap.residuals.stop_residuals import RunModel
+from sassgis.gap.residuals.stop_residuals import FreeRun
 from sassgis.grid import BoolArray, FloatArray, IntArray
 from sassgis.settings.profiles import ControlLineCrossings
 from sassgis.settings.results import ControlLine
@@ -62,25 +62,22 @@ class _Piece:
     values: dict[str, tuple[float, float, float]]
 
 
-def path_residuals(
-    case: Case, model: RunModel, edges: FloatArray, axes_m: FloatArray
-) -> list[Residual]:
+def path_residuals(case: Case, run: FreeRun, edges: FloatArray) -> list[Residual]:
     """Return residuals of flights and of stretches along the ground, by reach and over all.
 
-    Weighted by how closely each is measured. ``edges``: limits of the reaches (m), (n_reaches, 2);
-    ``axes_m``: semi-axes of each rock as the model draws them, longest first, (n_rocks, k, 3).
+    Weighted by how closely each is measured. ``edges``: limits of the reaches (m), (n_reaches, 2).
     """
     flights: list[_Piece] = []
-    round_m = _rolling_radius(axes_m)
+    round_m = _rolling_radius(run.axes_m)
     rolling: list[_Stretch] = []
     for path, bounds, impacted in _bounded(case, round_m):
         flights += [_fitted(case, path, own) for own in _flights(case, path, bounds, impacted)]
         rolling += _along_ground(path, bounds, float(round_m[path.rock]))
     found = []
-    if not any(e in model.moving.effects.names for e in FLIGHT_EFFECTS):
+    if not any(e in run.model.effects.names for e in FLIGHT_EFFECTS):
         found += _by_reach(case, edges, flights, "flight")
-    if not model.moving.effects.get(Trees):
-        found += _by_reach(case, edges, _rolled(case, model, rolling, round_m), "rolling")
+    if not run.model.effects.get(Trees):
+        found += _by_reach(case, edges, _rolled(case, run, rolling, round_m), "rolling")
     return found
 
 
@@ -389,7 +386,7 @@ def _along_ground(path: _Path, bounds: _Bounds, radius_m: float) -> list[_Stretc
 
 
 def _rolled(
-    case: Case, model: RunModel, stretches: list[_Stretch], round_m: FloatArray
+    case: Case, run: FreeRun, stretches: list[_Stretch], round_m: FloatArray
 ) -> list[_Piece]:
     """Return accelerations along the chainage on the ground, against those of the model's rocks."""
     # Rocks may go on beyond the end of their fall line: there is no profile for them there.
@@ -410,11 +407,11 @@ def _rolled(
         drop_m=np.zeros(2 * n), orientation_rad=np.repeat([0.0, 0.5 * math.pi], n),
     )  # fmt: skip
     done = simulate(
-        repeated(model.rock_lines.unforested, twice),
-        model.moving.table,
+        repeated(run.rock_lines.unforested, twice),
+        run.model.table,
         blocks,
         case.engine,
-        seed=model.seed + 501,
+        seed=run.seed + 501,
         rocks_per_line=ROLLED_RUNS,
         line_keys=np.arange(2 * n, dtype=np.uint64),
         starts=np.column_stack([start, start]),
@@ -424,7 +421,7 @@ def _rolled(
             end,
             np.zeros(2 * n, np.int64),
         ),
-        effects=model.moving.effects,
+        effects=run.model.effects,
     )
     # What it loses up to the end, or to where it comes to rest before.
     square = np.zeros((2 * n, ROLLED_RUNS))

@@ -151,7 +151,7 @@ def impact_draws(
 
 
 def impact_residuals(
-    case: Case, model: HypothesisModel, run: FreeRun, edges: FloatArray, *, rng: np.random.Generator
+    case: Case, run: FreeRun, edges: FloatArray, *, rng: np.random.Generator
 ) -> list[Residual]:
     """Return residuals of single impacts by reach and by class of ground.
 
@@ -168,8 +168,10 @@ def impact_residuals(
     turned = (rock >= 0) & (case.line[rock] >= 0) & np.isfinite(s) & np.isfinite(turn_deg)
     found: list[Residual] = []
     if use.any():
-        found += _rebounds(case, model, run.axes_m, edges, np.flatnonzero(use), rng)
-    if turned.any() and (case.terrain is not None or model.effects.get(LateralDeflection) is None):
+        found += _rebounds(case, run, edges, np.flatnonzero(use), rng)
+    if turned.any() and (
+        case.terrain is not None or run.model.effects.get(LateralDeflection) is None
+    ):
         found += _turns(case, edges, rock[turned], s[turned], turn_deg[turned], run.impacts)
     return found
 
@@ -268,17 +270,12 @@ def usable_impacts(case: Case, axes_m: FloatArray) -> NDArray[np.bool_]:
 
 
 def _rebounds(
-    case: Case,
-    model: HypothesisModel,
-    axes_m: FloatArray,
-    edges: FloatArray,
-    rows: IntArray,
-    rng: np.random.Generator,
+    case: Case, run: FreeRun, edges: FloatArray, rows: IntArray, rng: np.random.Generator
 ) -> list[Residual]:
-    observed = impacts_in_flight(case, axes_m, rows, REBOUND_DRAWS)
+    observed = impacts_in_flight(case, run.axes_m, rows, REBOUND_DRAWS)
     if observed is None:
         return []
-    out = rebound_draws(case, model, observed, rng)
+    out = rebound_draws(case, run.model, observed, rng)
     impacts, rock, s = observed.impacts, observed.rock, observed.s
     radius, inertia, spin = observed.radius, observed.inertia, observed.spin
     before = impacts.vt_in_mps**2 + impacts.vn_in_mps**2 + inertia * spin**2
@@ -295,7 +292,7 @@ def _rebounds(
     found = []
     for place, inside, s0, s1 in (
         *_reach_places(case, edges, rock, s),
-        *_ground_places(s, observed.kind, model.table.names),
+        *_ground_places(s, observed.kind, run.model.table.names),
     ):
         for name, value, predicted, score in columns:
             own = np.where(inside & np.isfinite(value) & np.isfinite(predicted), rock, -1)

@@ -42,7 +42,6 @@ from sassgis.gap.residuals.rock_residuals import Residual, mean_of_draws
 from sassgis.gap.residuals.station_residuals import reach_residuals
 from sassgis.gap.residuals.stop_residuals import (
     FreeRun,
-    RunModel,
     free_run,
     free_run_residuals,
     observed_at_stations,
@@ -100,13 +99,11 @@ class StepTable:
 MODEL_FLIGHT = "flight of the model"
 
 
-def steps_of(
-    case: Case, model: HypothesisModel, run: FreeRun, rng: np.random.Generator
-) -> StepTable:
+def steps_of(case: Case, run: FreeRun, rng: np.random.Generator) -> StepTable:
     """Return the table of residuals of a case; ``run``: its replicates of the rocks."""
     flat = run.axes_m[:, :, 2].mean(axis=1) / run.axes_m[:, :, 1].mean(axis=1)
     parts = [
-        *_impacts(case, model, run.axes_m, rng),
+        *_impacts(case, run, rng),
         *_flights(case, observed_campaign(case).impacts, "flight"),
         *(part for rows in run.impacts for part in _flights(case, rows, MODEL_FLIGHT)),
         *_paths(case, run.axes_m),
@@ -129,16 +126,14 @@ def steps_of(
 _Part = dict[str, Any]
 
 
-def _impacts(
-    case: Case, model: HypothesisModel, axes_m: FloatArray, rng: np.random.Generator
-) -> list[_Part]:
+def _impacts(case: Case, run: FreeRun, rng: np.random.Generator) -> list[_Part]:
     if not len(case.observations.impacts):
         return []
-    rows = np.flatnonzero(usable_impacts(case, axes_m))
-    seen = impacts_in_flight(case, axes_m, rows, IMPACT_DRAWS) if rows.size else None
+    rows = np.flatnonzero(usable_impacts(case, run.axes_m))
+    seen = impacts_in_flight(case, run.axes_m, rows, IMPACT_DRAWS) if rows.size else None
     if seen is None:
         return []
-    draws = rebound_draws(case, model, seen, rng)
+    draws = rebound_draws(case, run.model, seen, rng)
     own = seen.impacts
     enough = np.isfinite(draws[..., 0]).sum(axis=1) >= IMPACT_DRAWS // 4
     vt, vn, spin = np.moveaxis(np.where(enough[:, None, None], draws, np.nan), -1, 0)
@@ -301,18 +296,16 @@ def residuals_of(
 ) -> ResidualTable:
     """Compare a case with a model, its errors of release and measurement apart."""
     rng = np.random.default_rng([seed, 31])
-    running = RunModel.of(case, model, seed)
-    run = free_run(case, running, replicates)
+    run = free_run(case, model, seed, replicates)
     seen = observed_at_stations(case)
     edges = reach_edges(case, run)
     rows = [
         *free_run_residuals(case, seen, run, rng=rng),
-        *reach_residuals(case, running, seen, run, edges, rng=rng),
-        *path_residuals(case, running, edges, run.axes_m),
-        *impact_residuals(case, model, run, edges, rng=rng),
+        *reach_residuals(case, seen, run, edges, rng=rng),
+        *path_residuals(case, run, edges),
+        *impact_residuals(case, run, edges, rng=rng),
     ]
-    steps = steps_of(case, model, run, rng)
-    return ResidualTable(run, tuple(rows), steps)
+    return ResidualTable(run, tuple(rows), steps_of(case, run, rng))
 
 
 def residuals_with(

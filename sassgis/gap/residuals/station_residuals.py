@@ -24,25 +24,24 @@ from sassgis.gap.constants import (
     RESTART_DROP_M,
 )
 from sassgis.gap.forward.released_rocks import Releases, fixed_blocks, move
-from sassgis.gap.forward.rock_lines import RockLines, dips_at
+from sassgis.gap.forward.rock_lines import dips_at
 from sassgis.gap.observations.campaign import errors_of
 from sassgis.gap.observations.case import Case
 from sassgis.gap.residuals.rock_residuals import Residual, mean_of_draws, t_statistics
 from sassgis.gap.residuals.stop_residuals import (
     AtStations,
     FreeRun,
-    RunModel,
     ends_of,
     observed_end,
     passages_of,
     residuals_at_station,
 )
 from sassgis.grid import FloatArray, IntArray
+from sassgis.settings.profiles import ProfileSet
 
 
 def reach_residuals(
     case: Case,
-    model: RunModel,
     seen: AtStations,
     run: FreeRun,
     edges: FloatArray,
@@ -57,7 +56,7 @@ def reach_residuals(
     found: list[Residual] = []
     speeds: list[Residual] = []
     for k, (name, (s0, s1)) in enumerate(zip(case.reaches, edges.tolist(), strict=True)):
-        again = _restarted(case, model, seen, run, k - 1, rng) if k else (run.at, run.ends.runout_m)
+        again = _restarted(case, seen, run, k - 1, rng) if k else (run.at, run.ends.runout_m)
         if again is None:
             continue
         at, stop = again
@@ -93,7 +92,7 @@ def _weaker(first: FloatArray, second: FloatArray) -> FloatArray:
 
 
 def _restarted(
-    case: Case, model: RunModel, seen: AtStations, run: FreeRun, k: int, rng: np.random.Generator
+    case: Case, seen: AtStations, run: FreeRun, k: int, rng: np.random.Generator
 ) -> tuple[AtStations, FloatArray] | None:
     """Return runs from station ``k`` of rocks seen there, and run-outs (m); or None."""
     n, m = run.ends.runout_m.shape
@@ -103,7 +102,7 @@ def _restarted(
         return None
     rock = np.repeat(rocks, m)
     draw = np.tile(np.arange(m), rocks.size)
-    s, states = _states(case, model.rock_lines, seen, run, k, rock, draw, rng)
+    s, states = _states(case, seen, run, k, rock=rock, draw=draw, rng=rng)
     axes = {f"axis_{j + 1}_m": run.axes_m[rock, draw, j] for j in range(3)}
     blocks = [replace(own, volume_m3=None, volume_exponent=None) for own in case.blocks]
     releases = Releases(
@@ -113,13 +112,14 @@ def _restarted(
         np.nan_to_num(seen.lateral_m[rock, k]),
         np.arange(rock.size, dtype=np.uint64),
     )
-    done = move(case, model.rock_lines, releases, model.moving, seed=model.seed + 1 + k, count=1)
+    lines = run.rock_lines
+    done = move(case, lines, releases, run.model, seed=run.seed + 1 + k, count=1)
     at, _, _ = passages_of(
-        model.rock_lines.unforested, done, rock[done.passages["line"]],
+        lines.unforested, done, rock[done.passages["line"]],
         draw[done.passages["line"]], moving_axes(run.axes_m, case.engine), len(case.station_names),
     )  # fmt: skip
     at.arrived[~started] = np.nan
-    ends = ends_of(done, rock.size, 1, model.rock_lines.end[rock])
+    ends = ends_of(done, rock.size, 1, lines.end[rock])
     runout = np.full((n, m), np.nan)
     runout[rock, draw] = ends.runout_m[:, 0]
     return at, runout
@@ -127,10 +127,10 @@ def _restarted(
 
 def _states(
     case: Case,
-    rock_lines: RockLines,
     seen: AtStations,
     run: FreeRun,
     k: int,
+    *,
     rock: IntArray,
     draw: IntArray,
     rng: np.random.Generator,
@@ -140,10 +140,10 @@ def _states(
     The engine lets a rock go along the ground, from a height. A flight across the station in any
     other direction is therefore begun where it runs along the ground: that is the same flight.
     """
-    error = errors_of(case)
+    error, profiles = errors_of(case), run.rock_lines.unforested
     size = rock.size
     s = case.station_s[rock, k]
-    dip = dips_at(rock_lines.unforested, rock, s)
+    dip = dips_at(profiles, rock, s)
     a, b, _ = np.moveaxis(run.axes_m[rock, draw], -1, 0)
     radius = np.cbrt(run.axes_m[rock, draw].prod(axis=1))
     speed = seen.speed_mps[rock, k]
@@ -167,9 +167,11 @@ def _states(
     support = np.hypot(a * np.sin(orientation), b * np.cos(orientation))
     centre = np.maximum(above + b / np.cos(dip), b / np.cos(dip) + RESTART_DROP_M)
     angle = np.clip(dip + rise_rad, -1.5, 1.5)
-    start, fast, high, dip_there = _parallel(
-        case, rock_lines, rock, s, centre, speed * np.cos(angle), speed * np.sin(angle), k
-    )
+    start, fast, high = _parallel(
+        case, profiles, k, rock=rock, s=s, centre=centre,
+        vx=speed * np.cos(angle), vz=speed * np.sin(angle),
+    )  # fmt: skip
+    dip_there = dips_at(profiles, rock, start)
     drop = np.maximum(high - support / np.cos(dip_there), RESTART_DROP_M)
     return np.where(ground, s, start), {
         "speed_mps": np.where(ground, speed, fast),
@@ -233,15 +235,16 @@ def _came(run: FreeRun, k: int, dip: FloatArray) -> tuple[FloatArray, ...] | Non
 
 def _parallel(
     case: Case,
-    rock_lines: RockLines,
+    profiles: ProfileSet,
+    k: int,
+    *,
     rock: IntArray,
     s: FloatArray,
     centre: FloatArray,
     vx: FloatArray,
     vz: FloatArray,
-    k: int,
-) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-    """Find where flights run along the ground: chainage, speed, height of the centre, dip."""
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Find where flights run along the ground: chainage, speed, height of the centre."""
     g = case.engine.gravity_mps2
     t = np.arange(-PARALLEL_S, PARALLEL_S + 0.5 * PARALLEL_STEP_S, PARALLEL_STEP_S)
     zero = int(np.argmin(np.abs(t)))
@@ -249,11 +252,9 @@ def _parallel(
     station = case.station_s
     below = np.where(np.isfinite(station) & (station > station[:, k : k + 1]), station, np.inf)
     next_s = below.min(axis=1)
-    offset = rock_lines.unforested.offset
     for i in np.unique(rock).tolist():
         rows = np.flatnonzero(rock == i)
-        own = slice(int(offset[i]), int(offset[i + 1]))
-        sx, sz = rock_lines.unforested.s[own], rock_lines.unforested.z[own]
+        sx, sz = profiles.vertices(i)
         x = s[rows, None] + vx[rows, None] * t
         rise = np.interp(x, sx, sz) - np.interp(s[rows], sx, sz)[:, None]
         clear = centre[rows, None] + vz[rows, None] * t - 0.5 * g * t * t - rise
@@ -267,4 +268,4 @@ def _parallel(
         pick = np.arange(rows.size)
         start[rows], height[rows] = x[pick, best], clear[pick, best]
         speed[rows] = np.hypot(vx[rows], vz[rows] - g * t[best])
-    return start, speed, height, dips_at(rock_lines.unforested, rock, start)
+    return start, speed, height

@@ -50,6 +50,9 @@ class Ends:
 class FreeRun:
     """Replicates of the rocks, arrays (n_rocks, replicates, n_stations), of ``ends`` (.., ..)."""
 
+    model: HypothesisModel
+    rock_lines: RockLines
+    seed: int
     at: AtStations
     ground: BoolArray  # whether they rolled or slid there
     rise_rad: FloatArray  # angle of the velocity above the ground
@@ -76,20 +79,6 @@ class FreeRun:
         size = sliding_window_view(np.abs(turn[known][order]), near).mean(axis=1)
         middle = sliding_window_view(speed[known][order], near).mean(axis=1)
         return np.asarray(np.interp(out_mps, middle, size))
-
-
-@dataclass(frozen=True, slots=True)
-class RunModel:
-    """Model with which the rocks of a case are run."""
-
-    moving: HypothesisModel
-    rock_lines: RockLines
-    seed: int
-
-    @classmethod
-    def of(cls, case: Case, model: HypothesisModel, seed: int) -> RunModel:
-        """Return a model for the rocks of a case."""
-        return cls(model, rock_lines_of(case), seed)
 
 
 def observed_at_stations(case: Case) -> AtStations:
@@ -153,16 +142,16 @@ def observed_end(case: Case) -> Ends:
         return Ends(runout, lateral, stops, mass / case.mass_kg)
 
 
-def free_run(case: Case, model: RunModel, replicates: int) -> FreeRun:
+def free_run(case: Case, model: HypothesisModel, seed: int, replicates: int) -> FreeRun:
     """Release every rock ``replicates`` times where it was released."""
-    n, m = case.n_rocks, len(case.station_names)
+    n, m, lines = case.n_rocks, len(case.station_names), rock_lines_of(case)
     recorded = len(case.observations.impacts) > 0
     done = move(
         case,
-        model.rock_lines,
-        all_rocks(case, model.rock_lines),
-        model.moving,
-        seed=model.seed,
+        lines,
+        all_rocks(case, lines),
+        model,
+        seed=seed,
         count=replicates,
         log_events=LOGGED_EVENTS["impacts"] if recorded else 0,
     )
@@ -170,24 +159,29 @@ def free_run(case: Case, model: RunModel, replicates: int) -> FreeRun:
     axes = axes.reshape(n, replicates, 3)
     rows = done.passages
     at, ground, rise_rad = passages_of(
-        model.rock_lines.unforested, done, rows["line"], rows["rock"],
+        lines.unforested, done, rows["line"], rows["rock"],
         moving_axes(axes, case.engine), m,
     )  # fmt: skip
     at.arrived[np.broadcast_to(_not_passed(case)[:, None, :], at.arrived.shape)] = np.nan
-    ends = ends_of(done, n, replicates, model.rock_lines.end)
-    impacts = _impacts(case, model, done, replicates) if recorded else ()
-    return FreeRun(at, ground, rise_rad, ends, impacts, axes)
-
-
-def _impacts(case: Case, model: RunModel, done: Moved, count: int) -> tuple[ImpactRows, ...]:
-    """Return impacts of each replicate; what instruments scale is scaled back already."""
-    error = replace(model.moving.measurement, scale=1.0, spin_scale=1.0, stretch=1.0)
-    rng = np.random.default_rng([model.seed, 35])
-    made = observe(
-        case, model.rock_lines, replace(model.moving, measurement=error), done, count, rng,
-        frozenset({"impacts"}),
+    ends = ends_of(done, n, replicates, lines.end)
+    impacts: tuple[ImpactRows, ...] = ()
+    if recorded:
+        # What instruments scale is scaled back in the case already.
+        error = replace(model.measurement, scale=1.0, spin_scale=1.0, stretch=1.0)
+        made = observe(
+            case,
+            lines,
+            replace(model, measurement=error),
+            done,
+            count=replicates,
+            rng=np.random.default_rng([seed, 35]),
+            tables=frozenset({"impacts"}),
+        )
+        impacts = tuple(one.impacts for one in made if one.impacts is not None)
+    return FreeRun(
+        model=model, rock_lines=lines, seed=seed, at=at, ground=ground, rise_rad=rise_rad,
+        ends=ends, impacts=impacts, axes_m=axes,
     )  # fmt: skip
-    return tuple(one.impacts for one in made if one.impacts is not None)
 
 
 def passages_of(

@@ -97,7 +97,7 @@ def _on_map(case: Case, residual: Residual, own: np.ndarray) -> tuple[float, flo
     s = np.full(lines.size, 0.5 * (residual.s0_m + residual.s1_m))
     if residual.place in case.station_names:
         k = case.station_names.index(residual.place)
-        crossed = case.stations.s[lines, case.station_order[k]]
+        crossed = case.stations[lines, case.station_order[k]]
         s = np.where(np.isfinite(crossed), crossed, s)
     x, y = chainage_to_xy(case.traces, lines, np.clip(s, 0.0, last))
     known = np.isfinite(x)
@@ -159,7 +159,7 @@ def limits_on(case: Case, finding: GapFinding, line: int) -> tuple[float, float]
     """
     low, high = finding.s0_m, finding.s1_m
     if finding.place in case.reaches:
-        edges = case.stations.s[line][case.station_order]
+        edges = case.stations[line][case.station_order]
         number = case.reaches.index(finding.place)
         if number > 0 and math.isfinite(edges[number - 1]):
             low = float(edges[number - 1])

@@ -293,7 +293,7 @@ def test_what_was_not_measured_of_a_rock_that_passed_is_not_a_rock_that_stopped(
 
 def test_a_station_beside_the_line_of_a_rock_has_no_place_on_it() -> None:
     case = observed(12, 11)
-    s = case.stations.s.copy()
+    s = case.stations.copy()
     s[0, :2] = np.nan
     case = replace(case, stations=replace(case.stations, s=s))
     rows = observed_campaign(case).passages
@@ -301,7 +301,7 @@ def test_a_station_beside_the_line_of_a_rock_has_no_place_on_it() -> None:
     beside = np.isin(rows.rock, np.flatnonzero(case.line == 0))
     assert (rows.station[beside] >= 2).all() and beside.any()
     # What lies below such stations lies on the reaches below them.
-    below = case.stations.s[0, 2] + np.array([-1.0, 1.0])
+    below = case.stations[0, 2] + np.array([-1.0, 1.0])
     assert case.reach_of(np.zeros(2, np.int64), below).tolist() == [0, 3]
 
 
