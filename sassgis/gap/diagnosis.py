@@ -7,7 +7,6 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
 from typing import Any
 
-from sassgis.gap.constants import LEAST_POWER
 from sassgis.gap.forward.hypothesis_model import HypothesisModel
 
 Range = tuple[float, float]
@@ -121,11 +120,6 @@ class CauseGain:
     excess: float
     #: Parameters of the draw that closes most, as shares of their ranges.
     shares: Mapping[str, float] = field(default_factory=dict)
-
-    @property
-    def credible(self) -> bool:
-        """Whether the cause could make a gain at all here: else something else makes it."""
-        return self.power >= LEAST_POWER
 
 
 @dataclass(frozen=True, slots=True)

@@ -16,6 +16,7 @@ from gap_check.make import make_world
 from gap_check.observers import CONFIG_NAME, OBSERVATIONS_NAME, write_case
 from gap_check.worlds import EffectSpec, WorldSpec
 from helpers.changed_arrays import change_arrays
+from helpers.model_files import model_from_json
 
 from sassgis.errors import InputError, Interrupted
 from sassgis.files.atomic_output import check_output
@@ -23,11 +24,10 @@ from sassgis.files.saved_arrays import unfit
 from sassgis.gap.fit import hypothesis_fit
 from sassgis.gap.fit.distances import RockDistances
 from sassgis.gap.fit.linear_fit import Seen, Trial
-from sassgis.gap.fit.site_data import Scale, model_rows, site_data_of
+from sassgis.gap.fit.site_data import model_rows, site_data_of
 from sassgis.gap.forward.hypothesis_model import (
     MeasurementError,
     configured_model,
-    model_from_json,
 )
 from sassgis.gap.verdict import model_comparison
 from sassgis.inputs.config import load_config
@@ -36,9 +36,6 @@ from sassgis.runs import diagnose as gap_diagnose
 from sassgis.runs.diagnose import ENSEMBLE, diagnose
 from sassgis.runs.draw_store import DrawStore
 from sassgis.runs.gap_case import read_case
-
-#: What a scale of quantities holds besides their names.
-AXES = ("centre", "scale")
 
 
 @pytest.fixture(scope="module", autouse=True)
@@ -120,9 +117,10 @@ def test_the_calibrated_configuration_can_be_run(answered: Path) -> None:
 def test_the_model_that_is_handed_over_is_the_one_scored(everything: Path, answered: Path) -> None:
     """Read back, it lets the rocks go as it did when it was scored, and leaves that distance."""
     kept = json.loads((answered / ENSEMBLE).read_text())
-    scale = Scale(tuple(kept["scale"]["names"]), *(np.array(kept["scale"][k]) for k in AXES))
     observed = read_case(everything / CONFIG_NAME, everything / OBSERVATIONS_NAME)
-    problem = site_data_of(observed, kept["seed"], scale)
+    problem = site_data_of(observed, kept["seed"])
+    assert kept["scale"]["names"] == list(problem.scale.names)
+    assert kept["scale"]["scale"] == problem.scale.scale.tolist()
     for name in ("base", "effect", "configured"):
         model = model_from_json(kept[name]["model"])
         rows = model_rows(problem, model, kept[name]["number"], kept["count"])

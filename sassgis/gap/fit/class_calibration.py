@@ -69,7 +69,7 @@ from sassgis.gap.fit.linear_fit import (
     rocks_drawn_anew,
     summary_of,
 )
-from sassgis.gap.fit.parameters import ClassParameter, Prior, parameters_of, table_with
+from sassgis.gap.fit.parameters import ClassParameter, parameters_of, prior_shares, table_with
 from sassgis.gap.fit.site_data import Prediction, SiteData, added, prediction, scores_of
 from sassgis.gap.forward.hypothesis_model import HypothesisModel, configured_model
 from sassgis.gap.observations.case import classes_met
@@ -138,7 +138,7 @@ def budget_of(task: CalibrationTask, draws: int | None) -> FitBudget:
 
 def run_trial(task: CalibrationTask, trial: Trial) -> Seen:
     """Return numbers of all sites, one after the other, and the mean score of the rocks."""
-    shares = Prior.of(task.parameters).shares(trial.at)
+    shares = prior_shares(task.parameters, trial.at)
     numbers, scores = [], []
     for site in task.summaries:
         model = task.model(site.problem, shares)
@@ -159,7 +159,7 @@ def run_site(task: CalibrationTask, at: SiteAt) -> Misfits:
     problem = site.problem
     parts = np.arange(task.n_parts)[:, None]
     weights = [np.ones((1, problem.n_rocks)), problem.part != parts, rocks_drawn_anew(problem)]
-    model = task.model(problem, Prior.of(task.parameters).shares(at[1]))
+    model = task.model(problem, prior_shares(task.parameters, at[1]))
     off = site.misfits(model, MISFIT_NUMBER, FINAL_COUNT, np.vstack(weights))
     first = 1 + task.n_parts
     return Misfits(off[0], off[1:first], off[first:], site.units)
@@ -183,10 +183,10 @@ def search(
     Only the prior keeps parameters near their configured values: rocks left out are predicted with
     parameters that were chosen in the same way.
     """
-    budget, prior = budget_of(task, draws), Prior.of(task.parameters)
+    budget = budget_of(task, draws)
     fit = fit_linearly(joined(task.summaries), np.zeros(len(task.parameters)), run, budget)
     told = told_by(fit, run_sites([(k, fit.best) for k in range(len(task.sites))]))
-    posterior = posterior_of(prior, together(told), task.seed)
+    posterior = posterior_of(task.parameters, together(told), task.seed)
     fitted = fitted_parameters(task.parameters, posterior)
     return Calibrated(told, posterior, fitted, budget.tried)
 
@@ -212,10 +212,10 @@ RunFinals = Callable[[Sequence[FinalTask]], Sequence[Prediction]]
 
 def held_out(task: CalibrationTask, found: Calibrated, run: RunFinals) -> list[Prediction]:
     """Predict each rock with parameters chosen on the rocks of the other parts, by site."""
-    whole, prior = together(found.told), Prior.of(task.parameters)
+    whole = together(found.told)
     tasks = []
     for part in range(task.n_parts):
-        shares = prior.shares(whole.estimate_without(part))
+        shares = prior_shares(task.parameters, whole.estimate_without(part))
         tasks += [FinalTask(k, shares, FINAL_NUMBER + 10 + part) for k in range(len(task.sites))]
     made = list(run(tasks))
     merged = []
@@ -297,8 +297,7 @@ class SiteCalibration:
 def result_of(task: CalibrationTask, found: Calibrated, run: RunFinals) -> SiteCalibration:
     """Return the result of the search, and how well it fits rocks left out."""
     posterior, parameters = found.posterior, task.parameters
-    prior = Prior.of(parameters)
-    own = [prior.shares(told.estimate()[0]) for told in found.told]
+    own = [prior_shares(parameters, told.estimate()[0]) for told in found.told]
     finals = []
     for k, best in enumerate(own):
         finals += [
@@ -464,10 +463,11 @@ def spread_of_sites(
 
 def site_values(task: CalibrationTask, found: Calibrated) -> tuple[SiteValue, ...]:
     """Return values that the rocks of each single site leave, and their standard errors."""
-    prior, out = Prior.of(task.parameters), []
+    out = []
     for k, (site, told) in enumerate(zip(task.sites, found.told, strict=True)):
         rng = np.random.default_rng([task.seed, 11, k])
-        shares = prior.shares(rng.multivariate_normal(*told.estimate(NO_PRIOR), SITE_SAMPLES))
+        drawn = rng.multivariate_normal(*told.estimate(NO_PRIOR), SITE_SAMPLES)
+        shares = prior_shares(task.parameters, drawn)
         met = classes_met(site.case)
         for j, p in enumerate(task.parameters):
             if p.class_name in met:

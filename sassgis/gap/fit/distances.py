@@ -24,7 +24,6 @@ import math
 import warnings
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
-from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -94,14 +93,11 @@ def bootstrap_interval(
     *,
     draws: int,
     rng: np.random.Generator,
-    method: Literal["percentile", "BCa"] = "BCa",
 ) -> Interval:
     """Return the 95 % interval of a statistic of rows by resampling rocks (scipy's bootstrap).
 
-    Each rock brings all its rows; ``rock``: that of each, shape (n,). ``BCa`` corrects the
-    percentiles for bias and skewness by a jackknife over rocks (B. Efron, 1987, Better bootstrap
-    confidence intervals, J. Am. Stat. Assoc. 82, 171-185). Limits are NaN of fewer than two rocks;
-    of fewer than about twenty the coverage is nearer to 90 %.
+    Percentiles; each rock brings all its rows; ``rock``: of each, (n,). Limits are NaN of fewer
+    than two rocks; of fewer than about twenty the coverage is nearer to 90 %.
     """
     value = float(statistic(np.arange(np.size(rock), dtype=np.int64)))
     rows = _rows_by_rock(rock)
@@ -115,7 +111,7 @@ def bootstrap_interval(
             lambda drawn: statistic(np.concatenate([rows[i] for i in drawn])),
             n_resamples=draws,
             vectorized=False,
-            method=method,
+            method="percentile",
             rng=rng,
         ).confidence_interval
     return Interval(value, float(found.low), float(found.high))

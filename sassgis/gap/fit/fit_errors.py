@@ -131,7 +131,7 @@ def _errors(
 
     inverse = bootstrap_interval(
         lambda i: 1.0 / max(centre(own[i]), 1e-9),
-        np.arange(own.size), draws=ERROR_SAMPLES, rng=rng, method="percentile",
+        np.arange(own.size), draws=ERROR_SAMPLES, rng=rng,
     )  # fmt: skip
 
     def error(simulated: float) -> Interval:
@@ -184,7 +184,15 @@ def findings_of(
         for site, gain in gains.items()
         if not gain.low > 0.0
     ]
-    return (*_at_limits(fitted), *_against_order(fitted), *_far(fitted), *small)
+    limits = [
+        CalibrationFinding(
+            "limit", (f.parameter.label,),
+            phrase(_AT_LIMIT[f.limit], f.parameter.label, f"{f.value:.3g}"),
+        )
+        for f in fitted
+        if f.limit
+    ]  # fmt: skip
+    return (*limits, *_against_order(fitted), *_far(fitted), *small)
 
 
 def gain_text(gain: Interval) -> str:
@@ -192,18 +200,6 @@ def gain_text(gain: Interval) -> str:
     ends = (gain.value, gain.low, gain.high)
     text = "on rocks left out the fitted classes gain {} % ({} to {}) of the score"
     return phrase(text, *(f"{100.0 * v:.1f}".replace("-", "−") for v in ends))
-
-
-def _at_limits(fitted: Sequence[Fitted]) -> list[CalibrationFinding]:
-    return [
-        CalibrationFinding(
-            "limit",
-            (f.parameter.label,),
-            phrase(_AT_LIMIT[f.limit], f.parameter.label, f"{f.value:.3g}"),
-        )
-        for f in fitted
-        if f.limit
-    ]
 
 
 def _against_order(fitted: Sequence[Fitted]) -> list[CalibrationFinding]:

@@ -344,7 +344,6 @@ def gain_of(
         group[known],
         draws=999,
         rng=rng,
-        method="percentile",
     )
 
 

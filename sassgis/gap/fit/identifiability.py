@@ -23,7 +23,7 @@ from sassgis.gap.constants import (
     WEAK_PRIOR,
 )
 from sassgis.gap.fit.linear_fit import LinearFit, bounded
-from sassgis.gap.fit.parameters import ClassParameter, Prior
+from sassgis.gap.fit.parameters import ClassParameter, prior_shares
 from sassgis.grid import FloatArray
 
 
@@ -115,7 +115,7 @@ class Posterior:
     excess: FloatArray  # shape (n,); twice the logarithmic likelihood that samples lack to the best
 
 
-def posterior_of(prior: Prior, told: Told, seed: int) -> Posterior:
+def posterior_of(parameters: Sequence[ClassParameter], told: Told, seed: int) -> Posterior:
     """Sample the posterior, which is normal in parameters of which the prior is standard normal."""
     rng = np.random.default_rng([seed, 7])
     best, covariance = told.estimate()
@@ -123,7 +123,7 @@ def posterior_of(prior: Prior, told: Told, seed: int) -> Posterior:
     alone = rng.multivariate_normal(*told.estimate(WEAK_PRIOR), POSTERIOR_SAMPLES)
     off = samples - best
     return Posterior(
-        prior.shares(best), prior.shares(samples), prior.shares(alone),
+        *(prior_shares(parameters, own) for own in (best, samples, alone)),
         covariance, ((off @ told.precision) * off).sum(axis=1),
     )  # fmt: skip
 
@@ -148,7 +148,7 @@ def fitted_parameters(
     """Return values, intervals, and what the observations identify."""
     found = []
     usual = norm.ppf([[0.025], [0.975]]) * np.ones(len(parameters))
-    before = Prior.of(parameters).shares(usual)
+    before = prior_shares(parameters, usual)
     for k, parameter in enumerate(parameters):
         own = posterior.samples[:, k]
         low, high = np.quantile(own, [0.025, 0.975])

@@ -160,27 +160,16 @@ def table_with(
     )
 
 
-@dataclass(frozen=True, slots=True)
-class Prior:
-    """Normal about the configured values; beyond the limits of the search lies the limit itself.
+def prior_shares(parameters: Sequence[ClassParameter], normal: FloatArray) -> FloatArray:
+    """Return shares of the ranges of parameters of which the prior is standard normal, (..., d).
 
-    It keeps what the observations say nothing about where it was configured, as near as such values
-    lie together from site to site.
+    The prior keeps what the observations say nothing about where it was configured, as near as such
+    values lie together from site to site; beyond the limits of the search lies the limit itself.
     """
-
-    centre: FloatArray  # shape (d,), as the standard deviation; shares of the ranges
-    sd: FloatArray
-
-    @staticmethod
-    def of(parameters: Sequence[ClassParameter]) -> Prior:
-        """Return the prior of some parameters."""
-        return Prior(np.array([p.start for p in parameters]), np.array([p.sd for p in parameters]))
-
-    def shares(self, normal: FloatArray) -> FloatArray:
-        """Return shares of parameters of which the prior is standard normal, shape (..., d)."""
-        # The last digits of linear algebra depend on where its arrays lie in memory.
-        shares = np.round(self.centre + self.sd * normal, SHARE_DIGITS)
-        return np.asarray(np.clip(shares, 0.0, 1.0), np.float64)
+    centre, sd = (np.array([getattr(p, name) for p in parameters]) for name in ("start", "sd"))
+    # The last digits of linear algebra depend on where its arrays lie in memory.
+    shares = np.round(centre + sd * normal, SHARE_DIGITS)
+    return np.asarray(np.clip(shares, 0.0, 1.0), np.float64)
 
 
 #: Ranges of the parameters of a contact, and how far those of one class lie from site to site

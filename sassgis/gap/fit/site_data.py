@@ -206,14 +206,13 @@ class SiteData:
 def site_data_of(
     case: Case,
     seed: int,
-    scale: Scale | None = None,
     name: str = "",
     simulated: tuple[HypothesisModel, int] | None = None,
     sideways: bool = True,
 ) -> SiteData:
     """Prepare a case.
 
-    ``scale``: that of other rocks of the same slope. ``simulated``: what this model makes of the
+    ``simulated``: what this model makes of the
     rocks, in its campaign of this number, stands for what was observed: a synthetic site with all
     that goes with the real one. ``sideways``: False where neither tilt nor drift of paths is
     calibrated: wrong offsets would be made up for by the ground, which then stops rocks before they
@@ -227,7 +226,7 @@ def site_data_of(
             case, rock_lines, model, count=1, seed=seed, number=number, tables=_IN_ROWS
         )[0]
     quantities = rock_quantities(case, observed)
-    scale = scale_of(case, quantities) if scale is None else scale
+    scale = scale_of(case, quantities)
     unseen = np.zeros((case.n_rocks, 0), np.bool_)
     if scale.names:
         unseen = np.column_stack([_unseen(name, quantities) for name in scale.names])

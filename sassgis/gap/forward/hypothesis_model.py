@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import asdict, dataclass, fields, replace
 from typing import Any
 
 from sassgis.engine.effects.lateral_deflection import LateralDeflection
-from sassgis.engine.effects.registry import EFFECTS
 from sassgis.gap.observations.case import Case
 from sassgis.settings.effects import EffectSettings
-from sassgis.settings.ground import GroundClass, GroundTable
+from sassgis.settings.ground import GroundTable
 from sassgis.settings.settings import EngineSettings
 
 #: Keys of ``[engine]`` that a hypothesis may set.
@@ -108,22 +106,3 @@ def moving_effects(case: Case) -> EffectSettings:
 def model_as_json(model: HypothesisModel) -> dict[str, Any]:
     """Return a model as JSON takes it, to keep a calibrated one in a file and use it again."""
     return {**asdict(model), "effects": {own.name: asdict(own) for own in model.effects}}
-
-
-def model_from_json(plain: Mapping[str, Any]) -> HypothesisModel:
-    """Return the model of ``model_as_json``; KeyError or TypeError if it is none."""
-    effects = [
-        EFFECTS[name].settings(
-            **{k: tuple(v) if isinstance(v, list) else v for k, v in own.items()}
-        )
-        for name, own in plain["effects"].items()
-    ]
-    stand = plain["stand"]
-    return HypothesisModel(
-        GroundTable(tuple(GroundClass(**own) for own in plain["table"]["classes"])),
-        EffectSettings(*effects),
-        None if stand is None else ForestStand(**stand),
-        ReleaseError(**plain["release"]),
-        MeasurementError(**plain["measurement"]),
-        **{key: plain[key] for key in ENGINE_KEYS},
-    )

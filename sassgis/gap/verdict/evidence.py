@@ -20,7 +20,9 @@ from sassgis.gap.fit.hypothesis_fit import (
     NONE,
     UNKNOWN,
     FittedHypothesis,
+    HypothesisDraw,
     HypothesisFits,
+    draw_of,
     families_to_try,
 )
 from sassgis.gap.fit.linear_fit import SiteSummary
@@ -124,11 +126,13 @@ def evidence_of_site(made: HypothesisFits) -> AddedCauses:
     rungs = ladder.rungs(CONFIGURED, GROUND, CONTACT_LAW)
     added = AddedCauses(made, found, ladder, rungs, rows, needs_contact_law(rungs))
     if not adequate(found.findings):
-        draws = made.add(CONTACT_LAW).samples(problem.case, PLAUSIBLE_FITS)
-        models = [own.model for own in draws]
+        draws = [
+            HypothesisDraw(CONTACT_LAW, own.parameter_draws, 0, REPLICATES)
+            for own in made.add(CONTACT_LAW).samples(problem.case, PLAUSIBLE_FITS)
+        ]
         if added.base != CONTACT_LAW:
-            models = [made.add(NONE).handed_over.draw.model, *models]
-        if (left := first_adequate(made, models)) is not None:
+            draws.insert(0, HypothesisDraw(NONE, made.add(NONE).shares, 0, REPLICATES))
+        if (left := first_adequate(made, draws)) is not None:
             note = phrase(
                 "The best calibration with a free contact leaves a significant and large gap. The "
                 "base model is therefore a calibration that the rocks do not exclude. Gaps by "
@@ -139,32 +143,23 @@ def evidence_of_site(made: HypothesisFits) -> AddedCauses:
 
 
 def first_adequate(
-    made: HypothesisFits, models: Sequence[HypothesisModel]
+    made: HypothesisFits, draws: Sequence[HypothesisDraw]
 ) -> tuple[GapFinding, ...] | None:
-    """Locate the gap with the first model that leaves nothing significant and large, if any."""
-    for k in range(0, len(models), PLAUSIBLE_AT_ONCE):
-        tasks = [_Left(own, REPLICATES) for own in models[k : k + PLAUSIBLE_AT_ONCE]]
-        left: list[tuple[GapFinding, ...]] = list(made.run(_left_by, tasks))
+    """Locate the gap with the first draw that leaves nothing significant and large, if any."""
+    for k in range(0, len(draws), PLAUSIBLE_AT_ONCE):
+        due = draws[k : k + PLAUSIBLE_AT_ONCE]
+        left: list[tuple[GapFinding, ...]] = list(made.run(_left_by, due))
         if any(map(adequate, left)):
             return next(filter(adequate, left))
     return None
 
 
-@dataclass(frozen=True, slots=True)
-class _Left:
-    """A model that takes the place of the base, and runs of each rock."""
-
-    model: HypothesisModel
-    count: int
-
-
-def _left_by(summary: SiteSummary, task: _Left) -> tuple[GapFinding, ...]:
-    """Locate the gap with a model in place of the base."""
-    problem = summary.problem
-    case, residuals = residuals_with(
-        problem.case, task.model, seed=problem.seed, replicates=task.count
-    )
-    return where(case, residuals, seed=problem.seed)
+def _left_by(summary: SiteSummary, task: HypothesisDraw) -> tuple[GapFinding, ...]:
+    """Locate the gap with a draw in place of the base."""
+    case, seed = summary.problem.case, summary.problem.seed
+    model = draw_of(case, task.effect, task.shares).model
+    case, residuals = residuals_with(case, model, seed=seed, replicates=task.count)
+    return where(case, residuals, seed=seed)
 
 
 @dataclass(frozen=True, slots=True)

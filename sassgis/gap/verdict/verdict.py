@@ -28,6 +28,7 @@ from sassgis.gap.causes.cause import Scores, Unseen
 from sassgis.gap.constants import (
     FINGERPRINT_ROCKS,
     LARGE_GAP,
+    LEAST_POWER,
     LEVEL,
     MOST_Z,
     NAMED_POWER,
@@ -123,13 +124,12 @@ def adequate(findings: Sequence[GapFinding]) -> bool:
 
 def large_gaps(findings: Sequence[GapFinding]) -> list[GapFinding]:
     """Return gaps that are both significant and large."""
-    return [f for f in findings if f.p_adjusted <= LEVEL and _large(f)]
 
+    def scatter(finding: GapFinding) -> float:
+        low, high = finding.ci95
+        return (high - low) / 3.92 * math.sqrt(max(finding.values, finding.rocks, 1))
 
-def _large(finding: GapFinding) -> bool:
-    low, high = finding.ci95
-    scatter = (high - low) / 3.92 * math.sqrt(max(finding.values, finding.rocks, 1))
-    return abs(finding.gap) > LARGE_GAP * scatter
+    return [f for f in findings if f.p_adjusted <= LEVEL and abs(f.gap) > LARGE_GAP * scatter(f)]
 
 
 def strongest(prints: Sequence[Fingerprint]) -> dict[str, Fingerprint]:
@@ -176,7 +176,8 @@ def speaking(prints: Sequence[Fingerprint], gains: Mapping[str, CauseGain]) -> d
     """
     contact = group_of(CONTACT_LAW)
     own = significant(prints, LEVEL)
-    return {n: g for n, g in gains.items() if g.credible and (group_of(n) != contact or n in own)}
+    able = {n: g for n, g in gains.items() if g.power >= LEAST_POWER}
+    return {n: g for n, g in able.items() if group_of(n) != contact or n in own}
 
 
 def seen_of(

@@ -295,7 +295,11 @@ def test_a_station_beside_the_line_of_a_rock_has_no_place_on_it() -> None:
     case = observed(12, 11)
     s = case.stations.copy()
     s[0, :2] = np.nan
-    case = replace(case, stations=replace(case.stations, s=s))
+    case = replace(case, stations=s)
+    assert case.station_names == ("S1", "S2", "S3", "S4")
+    # Stations are in the order of the median chainage, those that no line crosses left out.
+    other = replace(case, stations=np.where(np.arange(4) == 1, np.nan, s[:, ::-1]))
+    assert other.station_order.tolist() == [3, 2, 0]
     rows = observed_campaign(case).passages
     assert rows is not None
     beside = np.isin(rows.rock, np.flatnonzero(case.line == 0))

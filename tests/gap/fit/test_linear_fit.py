@@ -24,7 +24,7 @@ from sassgis.gap.fit.identifiability import (
     trade_offs,
 )
 from sassgis.gap.fit.linear_fit import FitBudget, ObservedNumbers, Seen, Trial, fit_linearly, joined
-from sassgis.gap.fit.parameters import RANGES, ClassParameter, Prior
+from sassgis.gap.fit.parameters import RANGES, ClassParameter
 from sassgis.grid import FloatArray
 
 BUDGET = FitBudget(3, 16, 2, 4, 6.0, 64)
@@ -154,7 +154,7 @@ def test_samples_are_shares_with_the_prior_of_the_parameters() -> None:
     ]
     pull = np.array([8.0, 0.0])
     told = Told(np.zeros(2), np.diag(pull), pull, pull[None], np.diag(pull))
-    found = posterior_of(Prior.of(parameters), told, 1)
+    found = posterior_of(parameters, told, 1)
     one, other = fitted_parameters(parameters, found)
     # Of the first the rocks know more than the prior: a third of its width, and a value above it.
     assert one.identified and one.narrowed == pytest.approx(1.0 / 3.0, abs=0.03)

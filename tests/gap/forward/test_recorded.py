@@ -96,7 +96,7 @@ def test_stops_have_an_error_of_their_own(problem: SiteData) -> None:
     errors = observer_of(stated)
     assert (errors.position_m, errors.stop_m, errors.mass_rel) == (0.1, 4.0, 0.3)
     assert observer_of(with_metadata(stated, stop_error_m=np.nan)).stop_m == 0.1
-    made = seen_by(problem, count=20, errors=errors)
+    made = seen_by(problem, count=20, position_m=0.1, stop_m=4.0)
     beside = [
         np.concatenate([getattr(s, t).lateral_m for s in made]) for t in ("deposits", "passages")
     ]
