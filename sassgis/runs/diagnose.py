@@ -244,17 +244,13 @@ def _diagnosis(added: AddedCauses, chosen: Mapping[str, Any], fingerprint: str) 
     (before, left_before), (left, left_after) = gaps[CONFIGURED], gaps[recommended]
     intervals = {effect: own.intervals(case) for effect, own in made.fits.items()}
     advice = Advice(
-        worst_of(before),
-        wrong_ground(case, intervals[CONTACT_LAW]) if law and not named else (),
-        case.ground_range,
-        () if fit is None else settings_of(case, fit, intervals[fit.effect]),
-        () if fit is None else tuple((t.one, t.other, t.correlation) for t in fit.trade_offs),
-        before,
-        left,
-        recommended,
-        shortfall(left),
-        why,
-    )
+        configured=worst_of(before),
+        wrong_ground=wrong_ground(case, intervals[CONTACT_LAW]) if law and not named else (),
+        ground_range=case.ground_range,
+        settings=() if fit is None else settings_of(case, fit, intervals[fit.effect]),
+        trade_offs=tuple((t.one, t.other, t.correlation) for t in fit.trade_offs) if fit else (),
+        compared=before, left=left, recommended=recommended, short=shortfall(left), why=why,
+    )  # fmt: skip
     rungs = ladder.rungs(CONFIGURED, GROUND, CONTACT_LAW, *steps)
     gains = sorted(evidence.gains.values(), key=lambda gain: -gain.sureness)
     excess = max((gain.excess for gain in gains), default=1.0)
@@ -345,16 +341,11 @@ def _hypotheses(
         name = "+".join(causes) or CONTACT_LAW
         found.append(
             Hypothesis(
-                name,
-                top.form,
-                float(np.nanmean(own)),
-                gain.value,
-                (gain.low, gain.high),
-                shares.get(name.split("+")[0], 0.0),
-                top.parameters,
-                intervals[tried],
+                effect=name, form=top.form, score=float(np.nanmean(own)), gain=gain.value,
+                ci95=(gain.low, gain.high), probability=shares.get(name.split("+")[0], 0.0),
+                parameters=top.parameters, intervals=intervals[tried],
             )
-        )
+        )  # fmt: skip
     return tuple(sorted(found, key=lambda c: -c.probability))
 
 
@@ -405,15 +396,10 @@ def write_outputs(work: Path, case: Case, diagnosis: Diagnosis, config: Config) 
     warnings = list(dict.fromkeys((*diagnosis.warnings, *report_warnings(case, diagnosis))))
     with in_language(config.project.language):
         context = gap_report(
-            case,
-            diagnosis,
-            work / "figures",
-            project=config.project.name,
-            terrain=config.dem_source.name,
-            crs=crs_name(case.grid.crs or ""),
-            configuration=config.label,
-            warnings=warnings,
-        )
+            case, diagnosis, work / "figures", project=config.project.name,
+            terrain=config.dem_source.name, crs=crs_name(case.grid.crs or ""),
+            configuration=config.label, warnings=warnings,
+        )  # fmt: skip
         write_report(work / "report.html", translated_report(context))
     verdict = diagnosis.verdict
     found = {"effect": verdict.effect, "confidence": verdict.confidence,

@@ -77,8 +77,9 @@ def model_gaps(
             limit = least * (compared["90 %"][0] if statistic == "width" else observed)
             found.append(
                 ModelGap(
-                    place, quantity, statistic, unit, observed, predicted, observed - predicted,
-                    (low, high), abs(limit), known.size, side,
+                    place=place, quantity=quantity, statistic=statistic, unit=unit,
+                    observed=observed, predicted=predicted, gap=observed - predicted,
+                    ci95=(low, high), limit=abs(limit), rocks=known.size, side=side,
                 )
             )  # fmt: skip
     # Run-out first, arrivals last.
@@ -93,9 +94,10 @@ def _arrivals(
     rng = np.random.default_rng([problem.seed, 58, column])
     low, high = _interval(lambda rows: more[rows].mean(), problem.unit, rng).tolist()
     return ModelGap(
-        place, "arrived", "mean", "%", 100.0 * float(seen.mean()), 100.0 * float(made.mean()),
-        float(more.mean()), (low, high), 100.0 * RELEVANT_GAPS["arrived"], seen.size,
-        "unsafe" if low > 0.0 else "",
+        place=place, quantity="arrived", statistic="mean", unit="%",
+        observed=100.0 * float(seen.mean()), predicted=100.0 * float(made.mean()),
+        gap=float(more.mean()), ci95=(low, high), limit=100.0 * RELEVANT_GAPS["arrived"],
+        rocks=seen.size, side="unsafe" if low > 0.0 else "",
     )  # fmt: skip
 
 

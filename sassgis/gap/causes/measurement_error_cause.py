@@ -58,14 +58,12 @@ def _draw(case: Case, draws: ParameterDraws) -> CausePart:
     scale = math.exp(draws.uniform("seen.log_scale", -LOG_SCALE, LOG_SCALE)) if kinds[0] else 1.0
     turns = math.exp(draws.uniform("seen.log_turns", -0.3, 0.3)) if kinds[2] else 1.0
     measurement = MeasurementError(
-        scale=scale,
-        clock_sd=draws.log("seen.clock_sd", 0.02, 0.35) if kinds[1] else 0.0,
-        rotation_scale=turns,
-        spin_scale=turns,
+        scale=scale, clock_sd=draws.log("seen.clock_sd", 0.02, 0.35) if kinds[1] else 0.0,
+        rotation_scale=turns, spin_scale=turns,
         noise_rel=draws.log("seen.noise", 0.05, 0.4) if kinds[2] else 0.0,
         stretch=1.0 + (scale - 1.0) * draws.share("seen.stretch"),
         position_m=draws.log("seen.position_m", 0.5, 8.0) if kinds[3] else 0.0,
-    )
+    )  # fmt: skip
 
     def change(model: HypothesisModel) -> HypothesisModel:
         own = model.measurement

@@ -317,35 +317,26 @@ def result_of(task: CalibrationTask, found: Calibrated, run: RunFinals) -> SiteC
         pairs.append((_of_units(site, models["before"]), _of_units(site, models["left out"])))
         sites.append(
             SiteResult(
-                site.name,
-                site.n_rocks,
-                {n: len(t) for n, t in site.case.observations.tables.items() if len(t)},
-                quantity_errors(site, replicas, task.seed),
-                table_scores(site, {name: model.scores for name, model in models.items()}),
-                paired_gain(*pairs[-1]),
-                scores[0],
-                scores[1],
-                _by_label(parameters, own[k]),
-                replicas,
-                site.quantities,
+                name=site.name, rocks=site.n_rocks,
+                tables={n: len(t) for n, t in site.case.observations.tables.items() if len(t)},
+                errors=quantity_errors(site, replicas, task.seed),
+                scores=table_scores(site, {name: model.scores for name, model in models.items()}),
+                gain=paired_gain(*pairs[-1]), score=scores[0], own_score=scores[1],
+                own=_by_label(parameters, own[k]), replicas=replicas, observed=site.quantities,
             )
-        )
+        )  # fmt: skip
     before, left = (np.concatenate(own) for own in zip(*pairs, strict=True))
+    common, own_best = [s.score for s in sites], [s.own_score for s in sites]
     return SiteCalibration(
-        found.fitted,
-        identified_combinations(posterior.covariance),
-        trade_offs([p.label for p in parameters], posterior.covariance),
-        tuple(_by_label(parameters, u) for u in as_good(posterior)),
-        classes_alike(parameters, posterior),
-        tuple(sites),
-        contradicting(
-            found.told, [s.score for s in sites], [s.own_score for s in sites], task.seed
-        ),
-        paired_gain(before, left),
-        findings_of(found.fitted, {s.name: s.gain for s in sites}),
-        found.draws,
-        task.seed,
-    )
+        fitted=found.fitted, combinations=identified_combinations(posterior.covariance),
+        trade_offs=trade_offs([p.label for p in parameters], posterior.covariance),
+        as_good=tuple(_by_label(parameters, u) for u in as_good(posterior)),
+        alike=classes_alike(parameters, posterior), sites=tuple(sites),
+        contradict=contradicting(found.told, common, own_best, task.seed),
+        gain=paired_gain(before, left),
+        findings=findings_of(found.fitted, {s.name: s.gain for s in sites}), draws=found.draws,
+        seed=task.seed,
+    )  # fmt: skip
 
 
 def _of_units(site: SiteData, predicted: Prediction) -> FloatArray:

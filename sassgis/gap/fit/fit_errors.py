@@ -143,11 +143,11 @@ def _errors(
 
     gain = scores["before"] - scores["left out"]
     return QuantityErrors(
-        title, unit, rocks.size, quantiles(own),
-        {k: quantiles(v) for k, v in finite.items()},
-        {k: float(mean_of_draws(v, least=1)) for k, v in scores.items()},
-        {k: error(centre(v)) for k, v in finite.items()},
-        mean_interval(gain[np.isfinite(gain)]),
+        name=title, unit=unit, rocks=rocks.size, observed=quantiles(own),
+        quantiles={k: quantiles(v) for k, v in finite.items()},
+        crps={k: float(mean_of_draws(v, least=1)) for k, v in scores.items()},
+        median_error={k: error(centre(v)) for k, v in finite.items()},
+        gain=mean_interval(gain[np.isfinite(gain)]),
     )  # fmt: skip
 
 

@@ -166,7 +166,10 @@ def fitted_parameters(
         ends = parameter.value(np.array([low, high]))
         # The best value lies within its interval, also where the interval ends at a limit.
         least, most = min(float(ends[0]), value), max(float(ends[1]), value)
-        found.append(Fitted(parameter, share, value, least, most, identified, narrowed, limit))
+        found.append(Fitted(
+            parameter=parameter, share=share, value=value, low=least, high=most,
+            identified=identified, narrowed=narrowed, limit=limit,
+        ))  # fmt: skip
     return tuple(found)
 
 

@@ -171,7 +171,10 @@ def summary_of(problem: SiteData) -> SiteSummary:
     spread = float(radius.std())
     size = (radius - radius.mean()) / spread if spread > 1e-6 else np.zeros(radius.size)
     none = np.empty(0)
-    blank = SiteSummary(none, none, none > 0.0, problem.units, problem.seed, problem, size)
+    blank = SiteSummary(
+        observed=none, error=none, used=none > 0.0, units=problem.units, seed=problem.seed,
+        problem=problem, size=size,
+    )  # fmt: skip
     observed = blank.of_rocks(np.ones(problem.n_rocks))
     drawn = np.array([blank.of_rocks(weights) for weights in rocks_drawn_anew(problem)])
     known = np.isfinite(drawn)

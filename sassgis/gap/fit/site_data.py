@@ -241,9 +241,10 @@ def site_data_of(
         seen_after = impact_quantities(impacts, outcomes[:, None], case.n_rocks)
         compared |= {k: v[:, 0] for k, v in seen_after.items() if np.isfinite(v).any()}
     return SiteData(
-        name, case, rock_lines, scale, observed, compared, scale.rows(quantities),
-        impacts, outcomes, seed, folds_of(case.group, seed),
-        case.unit, np.hstack([unseen, unseen]), sideways,
+        name=name, case=case, rock_lines=rock_lines, scale=scale, observed=observed,
+        quantities=compared, rows=scale.rows(quantities), impacts=impacts, outcomes=outcomes,
+        seed=seed, part=folds_of(case.group, seed), unit=case.unit,
+        unseen=np.hstack([unseen, unseen]), sideways=sideways,
     )  # fmt: skip
 
 

@@ -180,15 +180,11 @@ class _Record:
         height = np.maximum(height + errors.height_m * self._rng.standard_normal(owner.size), 0.0)
         mass = rows["mass_kg"] * np.exp(errors.mass_rel * self._rng.standard_normal(owner.size))
         return PassageRows(
-            np.where(kind == LOOSE, -1 - owner, owner),
-            rows["control_line"].astype(np.int64),
-            kind,
-            self._lateral_offset(owner, aside, errors.position_m),
-            speed,
-            rotation,
-            height,
-            mass,
-        )
+            rock=np.where(kind == LOOSE, -1 - owner, owner),
+            station=rows["control_line"].astype(np.int64), kind=kind,
+            lateral_m=self._lateral_offset(owner, aside, errors.position_m), speed_mps=speed,
+            rotation_hz=rotation, height_m=height, mass_kg=mass,
+        )  # fmt: skip
 
     def _rest(self, rows: NDArray[np.void], owner: IntArray) -> FloatArray:
         """Return the height of the centre of a lying block, from which heights are counted (m)."""
@@ -240,8 +236,9 @@ class _Record:
         turn = self._case.turns(owner % self._n, turn, vt_out[last], vn_out[last])
         # Nothing is put behind the start of a line.
         return ImpactRows(
-            owner, np.maximum(s, 0.0), z, vt_in[first], vn_in[first], spin_in[first],
-            vt_out[last], vn_out[last], spin_out[last], turn, -np.degrees(dip[first]),
+            rock=owner, s=np.maximum(s, 0.0), z=z, vt_in=vt_in[first], vn_in=vn_in[first],
+            spin_in=spin_in[first], vt_out=vt_out[last], vn_out=vn_out[last],
+            spin_out=spin_out[last], turn_deg=turn, slope_deg=-np.degrees(dip[first]),
         )  # fmt: skip
 
     def contacts(self) -> ContactRows:
@@ -277,7 +274,10 @@ class _Record:
             for i in (first, after)
         )  # fmt: skip
         start, end = (events["t_s"][i] for i in (first, after))
-        return ContactRows(owner, start, end, x, y, z, before, turned)
+        return ContactRows(
+            rock=owner, start_s=start, end_s=end, x=x, y=y, z=z, rotation_before_hz=before,
+            rotation_after_hz=turned,
+        )  # fmt: skip
 
     def _under(
         self, events: NDArray[np.void], index: IntArray, hit: IntArray, owner: IntArray
@@ -372,16 +372,13 @@ def campaigns(
         tables = frozenset(name for name in tables if len(case.observations.tables[name]))
     rng = np.random.default_rng([seed, number, 77])
     moved = move(
-        case,
-        rock_lines,
-        all_rocks(with_release(case, model.release, rock_lines.end), rock_lines),
-        model,
-        seed=seed,
-        count=count,
-        first_rock=number * 64,
+        case, rock_lines, all_rocks(with_release(case, model.release, rock_lines.end), rock_lines),
+        model, seed=seed, count=count, first_rock=number * 64,
         log_events=max((LOGGED_EVENTS.get(name, 0) for name in tables), default=0),
-    )
-    return observe(case, rock_lines, model, moved, count, rng, tables)
+    )  # fmt: skip
+    return observe(
+        case=case, lines=rock_lines, model=model, moved=moved, count=count, rng=rng, tables=tables,
+    )  # fmt: skip
 
 
 def share_left(case: Case, rock_lines: RockLines, model: HypothesisModel, seed: int) -> float:

@@ -92,7 +92,10 @@ def move(
     ``log_events``: as for sassgis.engine.simulate.simulate.
     """
     if case.terrain is None:
-        return _on_profiles(case, lines, releases, model, seed, count, first_rock, log_events)
+        return _on_profiles(
+            case=case, lines=lines, releases=releases, model=model, seed=seed, count=count,
+            first_rock=first_rock, log_events=log_events,
+        )  # fmt: skip
     n = releases.rock.size
     start = releases.start
     drawn = bool((start[:, 1] > start[:, 0]).any())
@@ -111,18 +114,11 @@ def move(
     if model.effects.get(Trees) is not None:
         forest = case.forest if model.stand is None else _stand(model.stand, lines.cell_s)
     done = follow(
-        replace(case.terrain, forest=forest),
-        points,
-        model.table,
-        [releases.blocks[i] for i in row.tolist()],
-        model.engine_of(case.engine),
-        seed=seed,
-        rocks_per_point=repeated,
-        point_keys=key,
-        first_rock=first_rock,
-        log_events=log_events,
+        replace(case.terrain, forest=forest), points, model.table,
+        [releases.blocks[i] for i in row.tolist()], model.engine_of(case.engine), seed=seed,
+        rocks_per_point=repeated, point_keys=key, first_rock=first_rock, log_events=log_events,
         effects=model.effects,
-    )
+    )  # fmt: skip
     if drawn:
         for rows in (done.rocks, done.pieces, done.passages):
             rows["rock"] = first_rock + rows["line"] % count

@@ -146,17 +146,13 @@ def rock_lines_of(case: Case) -> RockLines:
     )
     names = case.observations.rock_names
     return RockLines(
-        unforested=unforested,
-        forested=_cut_into_stretches(unforested, first),
-        wood=_configured_wood(case, first, n_stretches),
-        first_m=first,
-        n_stretches=n_stretches,
+        unforested=unforested, forested=_cut_into_stretches(unforested, first),
+        wood=_configured_wood(case, first, n_stretches), first_m=first, n_stretches=n_stretches,
         keys=np.concatenate([point_keys(name, 1) for name in names]),
         control_lines=control_lines_of(case),
         end=ends[:, 1] if case.terrain is None else np.full(n, np.inf),
-        cell_s=_chainage_of_cells(case),
-        observer=observer_of(case),
-    )
+        cell_s=_chainage_of_cells(case), observer=observer_of(case),
+    )  # fmt: skip
 
 
 def _cut_into_stretches(profiles: ProfileSet, first: float) -> ProfileSet:
@@ -225,14 +221,9 @@ def repeated(profiles: ProfileSet, which: IntArray) -> ProfileSet:
     # Borders are one more than stretches on each profile.
     _, border = gathered(profiles.cell_offset + np.arange(profiles.offset.size), which)
     return ProfileSet(
-        offset,
-        profiles.s[vertex],
-        profiles.z[vertex],
-        profiles.ground[vertex],
-        cell_offset,
-        profiles.cell_s[border],
-        profiles.cell[cell],
-    )
+        offset=offset, s=profiles.s[vertex], z=profiles.z[vertex], ground=profiles.ground[vertex],
+        cell_offset=cell_offset, cell_s=profiles.cell_s[border], cell=profiles.cell[cell],
+    )  # fmt: skip
 
 
 def control_lines_of(case: Case) -> ControlLineCrossings:

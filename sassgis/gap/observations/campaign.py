@@ -103,11 +103,10 @@ def errors_of(case: Case) -> Errors:
     return Errors(
         stated_or(meta.speed_error_rel, usual.speed_rel),
         stated_or(meta.rotation_error_rel, usual.rotation_rel),
-        stated_or(meta.height_error_m, usual.height_m),
-        position_m,
+        stated_or(meta.height_error_m, usual.height_m), position_m,
         mass_rel=stated_or(meta.mass_error_rel, usual.mass_rel),
         stop_m=stated_or(meta.stop_error_m, position_m),
-    )
+    )  # fmt: skip
 
 
 def observed_campaign(case: Case) -> Campaign:

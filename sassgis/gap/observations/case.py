@@ -200,22 +200,11 @@ def case_of(run: MapRun, seen: Observations, file: Path) -> Case:
     )
     radius = np.array([_radius(b) for b in blocks], np.float64)
     case = Case(
-        observations=seen,
-        grid=run.grid,
-        table=run.table,
-        engine=run.engine,
-        effects=run.effects,
-        forest=run.forest,
-        traces=traces,
-        profiles=prepared.profiles,
-        line=line,
-        blocks=blocks,
-        start=prepared.starts(moved)[line],
-        mass_kg=masses,
-        radius_m=radius,
-        stations=stations,
+        observations=seen, grid=run.grid, table=run.table, engine=run.engine, effects=run.effects,
+        forest=run.forest, traces=traces, profiles=prepared.profiles, line=line, blocks=blocks,
+        start=prepared.starts(moved)[line], mass_kg=masses, radius_m=radius, stations=stations,
         projected=project_observations(seen, traces, line, grid=run.grid, prolonged=run.followed),
-    )
+    )  # fmt: skip
     case = replace(case, met=classes_met(case))
     if not run.followed:
         return case

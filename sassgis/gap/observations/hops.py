@@ -113,8 +113,8 @@ def hops_of(contacts: ContactRows) -> Hops:
     spins = contacts.rotation_after_hz[i], contacts.rotation_before_hz[j]
     rotation = 0.5 * (np.fmax(*spins) + np.fmin(*spins))
     return Hops(
-        i, contacts.rock[i], time, between, length, -dz, speed,
-        GRAVITY_MPS2 * time**2 / 8.0, rotation,
+        first=i, rock=contacts.rock[i], time_s=time, between_s=between, length_m=length, drop_m=-dz,
+        speed_mps=speed, height_m=GRAVITY_MPS2 * time**2 / 8.0, rotation_hz=rotation,
     )  # fmt: skip
 
 
@@ -233,7 +233,9 @@ def _ways_of(contacts: ContactRows) -> _Ways:
     length = np.hypot(level, np.nan_to_num(np.diff(z, prepend=0.0)))
     steps = ((np.diff(middle, prepend=0.0), SPEED_OVER_S), (length, 0.0), (level, 0.0))
     clock, way, level = (np.cumsum(np.where(new, other, own)) for own, other in steps)
-    return _Ways(row, rock, first, last, clock, way, level, z)
+    return _Ways(
+        row=row, rock=rock, first=first, last=last, clock_s=clock, way_m=way, level_m=level, z=z,
+    )  # fmt: skip
 
 
 def _quantile(rock: IntArray, values: FloatArray, share: float, n_rocks: int) -> FloatArray:

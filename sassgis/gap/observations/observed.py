@@ -235,16 +235,11 @@ class Rule:
         rows = observations.tables[table].row[which]
         if rows.size:
             yield ObservationFinding(
-                self.level,
-                self.problem.format(**words),
-                str(observations.files.get(table, "")),
-                table,
-                column or self.column,
-                tuple(rows.tolist()),
-                found,
-                self.expected.format(**words),
-                self.left_out,
-            )
+                level=self.level, problem=self.problem.format(**words),
+                file=str(observations.files.get(table, "")), table=table,
+                column=column or self.column, rows=tuple(rows.tolist()), found=found,
+                expected=self.expected.format(**words), left_out=self.left_out,
+            )  # fmt: skip
 
 
 _AXES = "semi_axis_a_m, semi_axis_b_m, semi_axis_c_m"

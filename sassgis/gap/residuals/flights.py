@@ -205,13 +205,10 @@ def _bend(path: _Path, own: slice) -> _Bend:
     linear = t * float(square @ t) / float(t @ t)
     level = math.hypot(velocity[0], velocity[1])
     return _Bend(
-        2.0 * float(bend[0] * ux + bend[1] * uy),
-        2.0 * float(bend[0] * uy - bend[1] * ux),
-        2.0 * float(bend[2]),
-        level,
-        level * math.hypot(level, float(velocity[2])),
+        2.0 * float(bend[0] * ux + bend[1] * uy), 2.0 * float(bend[0] * uy - bend[1] * ux),
+        2.0 * float(bend[2]), level, level * math.hypot(level, float(velocity[2])),
         float(((square - linear) ** 2).sum()),
-    )
+    )  # fmt: skip
 
 
 @dataclass(frozen=True, slots=True)
@@ -246,7 +243,9 @@ def _bounded(case: Case, round_m: FloatArray) -> Iterator[tuple[_Path, _Bounds, 
             t, x, y, z, s, speed, rotation = (v[rows] for v in columns)
             _, dip = case.ground_at(np.full(rows.size, rock), s)
             above = _smooth(put.height_m[rows] - round_m[rock] / np.cos(dip))
-            path = _Path(rock, t, x, y, z, s, above, speed, rotation)
+            path = _Path(
+                rock=rock, t=t, x=x, y=y, z=z, s=s, above=above, speed=speed, rotation=rotation,
+            )  # fmt: skip
             bounds = _bounds(path, *hit.get(rock, (none, none)), errors_of(case).position_m)
             yield path, bounds, rock in impacted
 
@@ -381,7 +380,10 @@ def _along_ground(path: _Path, bounds: _Bounds, radius_m: float) -> list[_Stretc
         known = turning[np.isfinite(turning)]
         sliding = bool(known.size and np.median(known) < SLIDING_SHARE)
         if s1 - s0 > ROLLING_M and s0 > 0.0 and v0 > PATH_SPEED_MPS:
-            found.append(_Stretch(path.rock, s0, s1, v0, max(v1, 0.0), t.size, sliding))
+            found.append(_Stretch(
+                rock=path.rock, s0=s0, s1=s1, v0=v0, v1=max(v1, 0.0), points=t.size,
+                sliding=sliding,
+            ))  # fmt: skip
     return found
 
 
@@ -475,8 +477,9 @@ def _by_reach(case: Case, edges: FloatArray, pieces: list[_Piece], phase: str) -
             score = beyond(means[0] - means[1], GROUND_BRAKE_MPS2) if phase == "rolling" else None
             found.append(
                 Residual(
-                    place, phase, name, "one step", means[0], means[1], s0, s1, score, sums[2],
-                    int(own.sum()),
+                    place=place, phase=phase, quantity=name, test="one step", observed=means[0],
+                    predicted=means[1], s0_m=s0, s1_m=s1, score=score, weight=sums[2],
+                    steps=int(own.sum()),
                 )
             )  # fmt: skip
     return found

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -222,7 +222,10 @@ def impacts_in_flight(
     inertia = 0.2 * (axes[:, :, 0] ** 2 + axes[:, :, 1] ** 2).mean(axis=1)
     has_spin = np.isfinite(impacts.omega_in_radps)
     spin = np.where(has_spin, impacts.omega_in_radps, impacts.vt_in_mps / radius)
-    return ImpactsInFlight(impacts, rock, s, kind, dip, axes, radius, inertia, spin, has_spin)
+    return ImpactsInFlight(
+        impacts=impacts, rock=rock, s=s, kind=kind, dip=dip, axes=axes, radius=radius,
+        inertia=inertia, spin=spin, has_spin=has_spin,
+    )  # fmt: skip
 
 
 def rebound_draws(
@@ -301,8 +304,9 @@ def _rebounds(
             count = rows_per_rock(value, own, case.n_rocks)
             found.append(
                 Residual(
-                    place, "impact", name, "one step", mean, by_model, s0, s1, scored, count,
-                    int(count.sum()),
+                    place=place, phase="impact", quantity=name, test="one step", observed=mean,
+                    predicted=by_model, s0_m=s0, s1_m=s1, score=scored, weight=count,
+                    steps=int(count.sum()),
                 )
             )  # fmt: skip
     return found
@@ -393,16 +397,17 @@ def _turns(
             draws = np.where(inside[:, None], drawn, np.nan)
             values = [turn_deg, mean_of_draws(draws, least=3), *spread(turn_deg, draws)]
         mean, by_model, size, expected, score = (per_rock(v, of, n_rocks) for v in values)
-        span, steps = (s0, s1), int(count.sum())
+        turned = Residual(
+            place=place, phase="impact", quantity="turn_deg", test="one step", observed=mean,
+            predicted=by_model, s0_m=s0, s1_m=s1, weight=count, steps=int(count.sum()),
+        )  # fmt: skip
+        score = only_above(score) if case.terrain is None else score
         found += [
-            Residual(
-                place, "impact", "turn_deg", "one step", mean, by_model, *span, None, count, steps
+            turned,
+            replace(
+                turned, quantity="turn_deg_spread", observed=size, predicted=expected, score=score
             ),
-            Residual(
-                place, "impact", "turn_deg_spread", "one step", size, expected, *span,
-                only_above(score) if case.terrain is None else score, count, steps,
-            ),
-        ]  # fmt: skip
+        ]
     return found
 
 

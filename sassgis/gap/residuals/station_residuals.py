@@ -61,7 +61,10 @@ def reach_residuals(
             continue
         at, stop = again
         if k < len(case.station_names):
-            own = residuals_at_station(case, seen, run, at, k, name, "reach", (s0, s1))
+            own = residuals_at_station(
+                case=case, seen=seen, run=run, predicted=at, k=k, place=name, test="reach",
+                span=(s0, s1),
+            )  # fmt: skip
             if k:
                 started = np.isfinite(seen.speed_mps[:, k - 1])
                 own = [replace(r, observed=np.where(started, r.observed, np.nan)) for r in own]
@@ -69,8 +72,11 @@ def reach_residuals(
             speeds.append(own[0])
         else:
             runout = observed_end(case).runout_m
-            what = (name, "stopping", "runout_m", "reach")
-            found.append(Residual(*what, runout, mean_of_draws(stop), s0, s1))
+            stopped = Residual(
+                place=name, phase="stopping", quantity="runout_m", test="reach", observed=runout,
+                predicted=mean_of_draws(stop), s0_m=s0, s1_m=s1,
+            )  # fmt: skip
+            found.append(stopped)
     if len(speeds) > 1:
         first = speeds[0]
         others = mean_of_draws(np.column_stack([r.gap for r in speeds[1:]]), least=1)

@@ -147,14 +147,9 @@ def free_run(case: Case, model: HypothesisModel, seed: int, replicates: int) -> 
     n, m, lines = case.n_rocks, len(case.station_names), rock_lines_of(case)
     recorded = len(case.observations.impacts) > 0
     done = move(
-        case,
-        lines,
-        all_rocks(case, lines),
-        model,
-        seed=seed,
-        count=replicates,
+        case, lines, all_rocks(case, lines), model, seed=seed, count=replicates,
         log_events=LOGGED_EVENTS["impacts"] if recorded else 0,
-    )
+    )  # fmt: skip
     axes = np.stack([done.rocks[f] for f in ("a_m", "b_m", "c_m")], axis=1)
     axes = axes.reshape(n, replicates, 3)
     rows = done.passages
@@ -169,14 +164,9 @@ def free_run(case: Case, model: HypothesisModel, seed: int, replicates: int) -> 
         # What instruments scale is scaled back in the case already.
         error = replace(model.measurement, scale=1.0, spin_scale=1.0, stretch=1.0)
         made = observe(
-            case,
-            lines,
-            replace(model, measurement=error),
-            done,
-            count=replicates,
-            rng=np.random.default_rng([seed, 35]),
-            tables=frozenset({"impacts"}),
-        )
+            case, lines, replace(model, measurement=error), done, count=replicates,
+            rng=np.random.default_rng([seed, 35]), tables=frozenset({"impacts"}),
+        )  # fmt: skip
         impacts = tuple(one.impacts for one in made if one.impacts is not None)
     return FreeRun(
         model=model, rock_lines=lines, seed=seed, at=at, ground=ground, rise_rad=rise_rad,
@@ -253,34 +243,48 @@ def free_run_residuals(
     mean_s = _column_means(case.station_s)
     for k, name in enumerate(case.station_names):
         where = (mean_s[k], mean_s[k])
-        found += residuals_at_station(case, seen, run, run.at, k, name, "free run", where)
+        found += residuals_at_station(
+            case=case, seen=seen, run=run, predicted=run.at, k=k, place=name, test="free run",
+            span=where,
+        )  # fmt: skip
     sides = case.terrain is not None or case.effects.get(LateralDeflection) is None
     if sides:
         for k, name in enumerate(case.station_names):
             phase = _phase(case, run, seen, k)
             found += _sides(
-                case, seen.lateral_m[:, k], run.at.lateral_m[:, :, k], name, phase,
-                (mean_s[k], mean_s[k]), rng,
+                case=case, lateral=seen.lateral_m[:, k], draws=run.at.lateral_m[:, :, k],
+                place=name, phase=phase, span=(mean_s[k], mean_s[k]), rng=rng,
             )  # fmt: skip
     end, made = observed_end(case), run.ends
     runout = end.runout_m
     if np.isfinite(runout).any():
         span = (float(np.nanmin(runout)), float(np.nanmax(runout)))
         draws = made.runout_m + errors_of(case).stop_m * rng.standard_normal(made.runout_m.shape)
-        own = ("all", "stopping", "runout_m", "free run")
-        found.append(Residual(*own, runout, mean_of_draws(draws), *span))
+        stopped = Residual(
+            place="all", phase="stopping", quantity="runout_m", test="free run", observed=runout,
+            predicted=mean_of_draws(draws), s0_m=span[0], s1_m=span[1],
+        )  # fmt: skip
         away, usual, score = spread(runout, draws)
-        own = ("all", "stopping", "runout_m_spread", "free run")
-        found.append(Residual(*own, away, usual, *span, score))
-        if sides:
-            found += _sides(case, end.lateral_m, made.lateral_m, "all", "stopping", span, rng)
+        other = "runout_m_spread"
         found += [
-            Residual("all", "impact", name, "free run", values, mean_of_draws(draws), *span)
+            stopped,
+            replace(stopped, quantity=other, observed=away, predicted=usual, score=score),
+        ]
+        if sides:
+            found += _sides(
+                case=case, lateral=end.lateral_m, draws=made.lateral_m, place="all",
+                phase="stopping", span=span, rng=rng,
+            )  # fmt: skip
+        found += [
+            replace(
+                stopped, phase="impact", quantity=name, observed=values,
+                predicted=mean_of_draws(draws),
+            )
             for name, values, draws in (
                 ("stops_per_rock", end.stops, made.stops),
                 ("largest_share", end.largest, made.largest),
             )
-        ]
+        ]  # fmt: skip
     return found
 
 
@@ -320,13 +324,12 @@ def _sides(
         mean = np.where(np.isfinite(lateral), 0.0, np.nan)
         size, usual = np.abs(lateral), mean + error * math.sqrt(2.0 / math.pi)
         score = only_above(size - usual)
-    return [
-        Residual(
-            place, phase, "lateral_m", "free run", lateral, mean, *span,
-            beyond(lateral - mean, error),
-        ),
-        Residual(place, phase, "lateral_m_spread", "free run", size, usual, *span, score),
-    ]  # fmt: skip
+    aside = Residual(
+        place=place, phase=phase, quantity="lateral_m", test="free run", observed=lateral,
+        predicted=mean, s0_m=span[0], s1_m=span[1], score=beyond(lateral - mean, error),
+    )  # fmt: skip
+    other = "lateral_m_spread"
+    return [aside, replace(aside, quantity=other, observed=size, predicted=usual, score=score)]
 
 
 def _apart(case: Case, lateral: FloatArray) -> FloatArray:
@@ -357,8 +360,11 @@ def residuals_at_station(
     moving = dict.fromkeys(("speed_mps", "rotation_hz", "height_m"), _phase(case, run, seen, k))
     found = []
     for name, phase in {**moving, "arrived": "stopping"}.items():
-        observed, draws = getattr(seen, name)[:, k], getattr(predicted, name)[:, :, k]
-        found.append(Residual(place, phase, name, test, observed, mean_of_draws(draws), *span))
+        own = Residual(
+            place=place, phase=phase, quantity=name, test=test, observed=getattr(seen, name)[:, k],
+            predicted=mean_of_draws(getattr(predicted, name)[:, :, k]), s0_m=span[0], s1_m=span[1],
+        )  # fmt: skip
+        found.append(own)
     return found
 
 

@@ -285,20 +285,17 @@ def verdict_of(
     fitted = () if effect in (UNKNOWN, CONTACT_LAW) else added.fit(effect).models
     case = added.made.problem.case
     phase, segments = place_of(effect, case, [own.draw for own in fitted], evidence.findings)
+    seen = (*shares, *effect.split("+"))
+    # The law of the contact is that of the base, whichever families there are.
+    none = shares[NONE] if effect == CONTACT_LAW else 0.0
     verdict = Verdict(
-        effect,
-        confidence_of(effect, shares, frozen.right),
-        confusion_set(effect, frozen.possible, shares),
-        phase,
-        segments,
-        reason,
-        dict(shares),
-        group,
-        CONTACT_LAW if law else "ground" if enough else "unresolved",
-        # The law of the contact is that of the base, whichever families there are.
-        group_probability(group, shares) + (shares[NONE] if effect == CONTACT_LAW else 0.0),
-        tuple(n for n in families_to_try(case) if n not in (*shares, *effect.split("+"))),
-    )
+        effect=effect, confidence=confidence_of(effect, shares, frozen.right),
+        confusion_set=confusion_set(effect, frozen.possible, shares), phase=phase,
+        segments=segments, reason=reason, probabilities=dict(shares), group=group,
+        base=CONTACT_LAW if law else "ground" if enough else "unresolved",
+        group_probability=group_probability(group, shares) + none,
+        cannot_exclude=tuple(n for n in families_to_try(case) if n not in seen),
+    )  # fmt: skip
     return verdict, shrinkage
 
 

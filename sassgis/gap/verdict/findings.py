@@ -57,24 +57,14 @@ def _finding(
     gap = residual.gap[own]
     x, y = _on_map(case, residual, own)
     return GapFinding(
-        place=residual.place,
-        phase=residual.phase,
-        quantity=residual.quantity,
-        gap=float(np.average(gap, weights=weight)),
-        unit=residual.unit,
-        ci95=_interval(gap, weight, times[:, own]),
-        p_adjusted=adjusted,
-        q_value=q,
-        rocks=int(own.sum()),
-        observed=float(np.average(residual.observed[own], weights=weight)),
-        predicted=float(np.average(residual.predicted[own], weights=weight)),
-        test=residual.test,
-        s0_m=residual.s0_m,
-        s1_m=residual.s1_m,
-        x=x,
-        y=y,
+        place=residual.place, phase=residual.phase, quantity=residual.quantity,
+        gap=float(np.average(gap, weights=weight)), unit=residual.unit,
+        ci95=_interval(gap, weight, times[:, own]), p_adjusted=adjusted, q_value=q,
+        rocks=int(own.sum()), observed=float(np.average(residual.observed[own], weights=weight)),
+        predicted=float(np.average(residual.predicted[own], weights=weight)), test=residual.test,
+        s0_m=residual.s0_m, s1_m=residual.s1_m, x=x, y=y,
         values=max(residual.steps, int(own.sum())),
-    )
+    )  # fmt: skip
 
 
 def _interval(gap: FloatArray, weight: FloatArray, times: FloatArray) -> Range:

@@ -174,7 +174,10 @@ def shrinkage_of(problem: SiteData, base: FloatArray, effect: str, rows: FloatAr
     if not problem.rows.shape[1]:
         nan = float("nan")
         note = "Too few rocks have stops or passages at stations to state a distance."
-        return Shrinkage(effect, None, None, nan, nan, nan, {}, note)
+        return Shrinkage(
+            effect=effect, value=None, ci95=None, distance_base=nan, distance_effect=nan,
+            distance_floor=nan, by_quantity={}, note=note,
+        )  # fmt: skip
     before, after = (RockDistances.of(problem.rows, own) for own in (base, rows))
     value, interval, note = None, None, ""
     if effect != NONE and not before.above_chance:
@@ -185,15 +188,10 @@ def shrinkage_of(problem: SiteData, base: FloatArray, effect: str, rows: FloatAr
         drawn = [own.drawn(weights) for own in (before, after)]
         value, interval = share_of(before, after, after.floor, drawn)
     return Shrinkage(
-        effect,
-        value,
-        interval,
-        before.value(),
-        after.value(),
-        after.floor,
-        _by_quantity(problem, base, rows),
-        note,
-    )
+        effect=effect, value=value, ci95=interval, distance_base=before.value(),
+        distance_effect=after.value(), distance_floor=after.floor,
+        by_quantity=_by_quantity(problem, base, rows), note=note,
+    )  # fmt: skip
 
 
 def _by_quantity(

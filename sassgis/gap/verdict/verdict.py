@@ -57,10 +57,16 @@ def fingerprints(case: Case, residuals: ResidualTable) -> tuple[Fingerprint, ...
                 scores = own.scores(case, residuals)
                 z, p, n = _tested(scores, group)
                 if math.isfinite(z):
-                    seen.append(Fingerprint(cause.name, own.name, scores.size, z, p, True, n))
+                    seen.append(Fingerprint(
+                        effect=cause.name, statistic=own.name, value=scores.size, z=z, p_adjusted=p,
+                        observable=True, rocks=n,
+                    ))  # fmt: skip
                     continue
             none = math.nan
-            unseen.append(Fingerprint(cause.name, own.name, none, none, none, False, 0))
+            unseen.append(Fingerprint(
+                effect=cause.name, statistic=own.name, value=none, z=none, p_adjusted=none,
+                observable=False, rocks=0,
+            ))  # fmt: skip
     adjusted = holm_adjusted(np.array([one.p_adjusted for one in seen])).tolist()
     seen = [replace(one, p_adjusted=p) for one, p in zip(seen, adjusted, strict=True)]
     return (*sorted(seen, key=lambda one: (one.p_adjusted, -one.z)), *unseen)
