@@ -239,13 +239,15 @@ def separations(
     causes = list(models)
     if len(causes) < 2:
         return ()
-    places = _places(case, rock_lines)
+    places = new_places(case, rock_lines)
     seen = {name: _shown(case, rock_lines, models[name], places, seed) for name in causes}
-    first, there = causes[0], _recorded(case)
-    return tuple(_best(first, name, seen[first], seen[name], there) for name in causes[1:])
+    first, there = causes[0], recorded_rocks(case)
+    return tuple(
+        best_measurement(first, name, seen[first], seen[name], there) for name in causes[1:]
+    )
 
 
-def _recorded(case: Case) -> dict[str, int]:
+def recorded_rocks(case: Case) -> dict[str, int]:
     """Return rocks of which impacts and stops were recorded, by what they show in words."""
     # Stations that are tried are new ones.
     seen = replace(observed_campaign(case), passages=None)
@@ -276,7 +278,7 @@ def tables_to_add(case: Case, causes: Sequence[str]) -> tuple[str, ...]:
     )
 
 
-def _places(case: Case, rock_lines: RockLines) -> FloatArray:
+def new_places(case: Case, rock_lines: RockLines) -> FloatArray:
     """Return chainages of stations at which nothing was measured yet (m)."""
     stops = case.projected["deposits"].s if "deposits" in case.projected else np.empty(0)
     known = stops[np.isfinite(stops)]
@@ -352,7 +354,7 @@ def _impacts(hit: ImpactRows, n: int) -> Iterator[tuple[str, FloatArray]]:
     yield "the turn of the path at impacts", per_rock(np.abs(hit.turn_deg), hit.rock, n)
 
 
-def _best(
+def best_measurement(
     one: str,
     other: str,
     first: Mapping[str, FloatArray],

@@ -68,10 +68,10 @@ def path_residuals(case: Case, run: FreeRun, edges: FloatArray) -> list[Residual
     Weighted by how closely each is measured. ``edges``: limits of the reaches (m), (n_reaches, 2).
     """
     flights: list[_Piece] = []
-    round_m = _rolling_radius(run.axes_m)
+    round_m = rolling_radius(run.axes_m)
     rolling: list[_Stretch] = []
-    for path, bounds, impacted in _bounded(case, round_m):
-        flights += [_fitted(case, path, own) for own in _flights(case, path, bounds, impacted)]
+    for path, bounds, impacted in bounded_paths(case, round_m):
+        flights += [_fitted(case, path, own) for own in flights_of(case, path, bounds, impacted)]
         rolling += _along_ground(path, bounds, float(round_m[path.rock]))
     found = []
     if not any(e in run.model.effects.names for e in FLIGHT_EFFECTS):
@@ -95,14 +95,14 @@ def struck_above_ground(
     """
     found = [
         (path.rock, *loss)
-        for path, _, _ in _bounded(case, _rolling_radius(axes_m))
-        if (loss := _struck(case, path)) is not None
+        for path, _, _ in bounded_paths(case, rolling_radius(axes_m))
+        if (loss := surest_loss(case, path)) is not None
     ]
     rock, (s, before, after, sd) = _columns(found)
     return rock, s, before, after, sd
 
 
-def _struck(case: Case, path: _Path) -> tuple[float, float, float, float] | None:
+def surest_loss(case: Case, path: TimedPath) -> tuple[float, float, float, float] | None:
     """Return chainage of the surest loss beyond the cone, speed before and after, and the error."""
     g, n = case.engine.gravity_mps2, path.t.size
     t = path.t - path.t[0]
@@ -167,8 +167,8 @@ def air_of_flights(
     error = errors_of(case).position_m
     found = [
         (path.rock, bend.ahead, bend.across, 2.0 * error / math.sqrt(bend.weight), bend.speed2)
-        for path, bounds, impacted in _bounded(case, _rolling_radius(axes_m))
-        for own in _flights(case, path, bounds, impacted)
+        for path, bounds, impacted in bounded_paths(case, rolling_radius(axes_m))
+        for own in flights_of(case, path, bounds, impacted)
         for bend in (_bend(path, own),)
         if bend.level > LEVEL_SPEED_MPS
     ]
@@ -193,7 +193,7 @@ class _Bend(NamedTuple):
     weight: float  # inverse of the variance of half an acceleration, for places of variance one
 
 
-def _bend(path: _Path, own: slice) -> _Bend:
+def _bend(path: TimedPath, own: slice) -> _Bend:
     t = path.t[own] - path.t[own].mean()
     places = np.column_stack([path.x[own], path.y[own], path.z[own]])
     bend, velocity, _ = np.polyfit(t, places, 2)
@@ -212,7 +212,7 @@ def _bend(path: _Path, own: slice) -> _Bend:
 
 
 @dataclass(frozen=True, slots=True)
-class _Path:
+class TimedPath:
     """Points of one rock by time; ``above`` is the height over the resting position (m)."""
 
     rock: int
@@ -226,13 +226,13 @@ class _Path:
     rotation: FloatArray
 
 
-def _rolling_radius(axes_m: FloatArray) -> FloatArray:
+def rolling_radius(axes_m: FloatArray) -> FloatArray:
     """Return radii on which rocks roll (m): they stand on a circle between their longer axes."""
     radius: FloatArray = 0.5 * (axes_m[:, :, 0] + axes_m[:, :, 1]).mean(axis=1)
     return radius
 
 
-def _bounded(case: Case, round_m: FloatArray) -> Iterator[tuple[_Path, _Bounds, bool]]:
+def bounded_paths(case: Case, round_m: FloatArray) -> Iterator[tuple[TimedPath, _Bounds, bool]]:
     """Yield each path, the points between which its impacts happened, and if these are known."""
     seen, put = case.observations, case.projected["trajectories"]
     track = seen.trajectories
@@ -243,7 +243,7 @@ def _bounded(case: Case, round_m: FloatArray) -> Iterator[tuple[_Path, _Bounds, 
             t, x, y, z, s, speed, rotation = (v[rows] for v in columns)
             _, dip = case.ground_at(np.full(rows.size, rock), s)
             above = _smooth(put.height_m[rows] - round_m[rock] / np.cos(dip))
-            path = _Path(
+            path = TimedPath(
                 rock=rock, t=t, x=x, y=y, z=z, s=s, above=above, speed=speed, rotation=rotation,
             )  # fmt: skip
             bounds = _bounds(path, *hit.get(rock, (none, none)), errors_of(case).position_m)
@@ -271,7 +271,7 @@ def _impact_points(case: Case) -> dict[int, tuple[FloatArray, FloatArray]]:
     }
 
 
-def _bounds(path: _Path, x: FloatArray, y: FloatArray, error_m: float) -> _Bounds:
+def _bounds(path: TimedPath, x: FloatArray, y: FloatArray, error_m: float) -> _Bounds:
     """Return points of a path between which its impacts happened, rising; empty if none are known.
 
     Of points that lie closer than the error of positions it may have happened at any.
@@ -286,7 +286,7 @@ def _bounds(path: _Path, x: FloatArray, y: FloatArray, error_m: float) -> _Bound
     return np.maximum(at - reach, 0), np.minimum(at + reach, path.t.size - 1)
 
 
-def _flights(case: Case, path: _Path, bounds: _Bounds, impacted: bool) -> list[slice]:
+def flights_of(case: Case, path: TimedPath, bounds: _Bounds, impacted: bool) -> list[slice]:
     """Return flights between impacts, or stretches high above the ground where none are known.
 
     Light contacts are not always noted: what touched the ground on the way is no flight.
@@ -300,11 +300,12 @@ def _flights(case: Case, path: _Path, bounds: _Bounds, impacted: bool) -> list[s
     return [
         own
         for own in (slice(a, b) for a, b in spans if b - a >= PATH_POINTS)
-        if np.median(path.above[own]) > CLEAR_M and not _touched(path.t[own], path.z[own], error, g)
+        if np.median(path.above[own]) > CLEAR_M
+        and not touched_ground(path.t[own], path.z[own], error, g)
     ]
 
 
-def _touched(t: FloatArray, z: FloatArray, error_m: float, gravity: float) -> bool:
+def touched_ground(t: FloatArray, z: FloatArray, error_m: float, gravity: float) -> bool:
     """Return whether a path's heights show that it met the ground between two contacts."""
     t = t - t.mean()
     smooth, sizes = np.linalg.qr(np.column_stack([np.ones(t.size), t, t * t]))
@@ -334,7 +335,7 @@ def _runs(mask: BoolArray) -> list[tuple[int, int]]:
     return list(zip(edge[::2].tolist(), edge[1::2].tolist(), strict=True))
 
 
-def _fitted(case: Case, path: _Path, own: slice) -> _Piece:
+def _fitted(case: Case, path: TimedPath, own: slice) -> _Piece:
     """Return accelerations by parabolas, and the change of speed that gravity does not make."""
     bend, g = _bend(path, own), case.engine.gravity_mps2
     values = {"vertical_acceleration_mps2": (bend.up, -g, bend.weight)}
@@ -362,7 +363,7 @@ class _Stretch:
     sliding: bool
 
 
-def _along_ground(path: _Path, bounds: _Bounds, radius_m: float) -> list[_Stretch]:
+def _along_ground(path: TimedPath, bounds: _Bounds, radius_m: float) -> list[_Stretch]:
     """Return stretches on which a rock stays low and does not strike."""
     low = np.abs(path.above) < CLEAR_M
     low &= np.isfinite(path.speed) & (path.speed > PATH_SPEED_MPS)
