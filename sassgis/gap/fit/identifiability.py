@@ -123,8 +123,9 @@ def posterior_of(parameters: Sequence[ClassParameter], told: Told, seed: int) ->
     alone = rng.multivariate_normal(*told.estimate(WEAK_PRIOR), POSTERIOR_SAMPLES)
     off = samples - best
     return Posterior(
-        *(prior_shares(parameters, own) for own in (best, samples, alone)),
-        covariance, ((off @ told.precision) * off).sum(axis=1),
+        best=prior_shares(parameters, best), samples=prior_shares(parameters, samples),
+        of_numbers=prior_shares(parameters, alone), covariance=covariance,
+        excess=((off @ told.precision) * off).sum(axis=1),
     )  # fmt: skip
 
 

@@ -6,7 +6,7 @@ import dataclasses
 
 import numpy as np
 import pytest
-from helpers.observed_slope import WEST
+from helpers.observed_slope import NORTH, WEST, at, ground
 from helpers.terrains import polyline
 
 from sassgis.gap.observations.observed import Observations
@@ -22,6 +22,7 @@ from sassgis.grid import Grid
 from sassgis.inputs.observation_files import read_observations
 from sassgis.settings.settings import TerrainSettings
 from sassgis.terrain.fall_lines import fall_line_surface, trace
+from sassgis.terrain.heights import heights_at
 from sassgis.terrain.release import point_keys
 from sassgis.terrain.stretch import take_lines
 
@@ -145,3 +146,11 @@ def test_stations_that_a_line_misses_or_crosses_twice():
     np.testing.assert_allclose(found, [[np.nan, 20.0, 32.5], [np.nan, np.nan, np.nan]])
     longer = station_chainages(traces, stations, prolong_m=10.0)
     assert longer[1, 1] == pytest.approx(20.0)
+
+
+def test_heights_of_the_dem(slope):
+    x, y, z = np.array([at(3.3, 41.7), at(-7.0, 20.0)]).T
+    np.testing.assert_allclose(heights_at(slope, x, y), z)
+    off = heights_at(slope, np.array([WEST - 1.0, np.nan]), np.array([NORTH - 5.0, NORTH - 5.0]))
+    assert np.isnan(off).all()
+    assert heights_at(slope, np.float64(MIDDLE), np.float64(NORTH - 100.0)) == ground(100.0)
