@@ -71,7 +71,7 @@ def campaign(
     level = np.random.default_rng([seed, 17]).random(len(parameters))
     truth = prior_shares(parameters, stats.norm.ppf(level))
     model = configured_model(case, table_with(case.table, parameters, truth))
-    problem = site_data_of(case, seed, simulated=(model, _TRUTH + seed), sideways=False)
+    problem = site_data_of(case, seed, simulated=model, number=_TRUTH + seed, sideways=False)
     task = calibration_task([problem], classes, names, rules, seed)
     with task_map(task, jobs) as run:
         found = search(

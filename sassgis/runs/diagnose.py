@@ -202,7 +202,8 @@ def _gaps(
     ``scale``: speeds as observed over the true ones.
     """
     left = share_left(problem.case, problem.rock_lines, model, problem.seed)
-    return model_gaps(problem, rows, left, (scale, model.measurement.scale)), left
+    scales = {"observed_scale": scale, "model_scale": model.measurement.scale}
+    return model_gaps(problem, rows, left, **scales), left
 
 
 def _diagnosis(added: AddedCauses, chosen: Mapping[str, Any], fingerprint: str) -> Diagnosis:
@@ -228,7 +229,8 @@ def _diagnosis(added: AddedCauses, chosen: Mapping[str, Any], fingerprint: str) 
     scale = added.fit(named).handed_over.draw.model.measurement.scale if named else 1.0
     if scale != 1.0:
         left_before = gaps[CONFIGURED][1]
-        rescaled = model_gaps(problem, added.configured_rows, left_before, (scale, 1.0))
+        rows = added.configured_rows
+        rescaled = model_gaps(problem, rows, left_before, observed_scale=scale)
         gaps = {CONFIGURED: (rescaled, left_before)}
     for step in steps:
         ladder.add(step, added.rung if step == surer else surer, added.rows(step))

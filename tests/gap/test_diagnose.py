@@ -186,7 +186,7 @@ def test_draws_that_were_changed_are_made_again(tmp_path: Path) -> None:
 
         def run(due: list[Trial]) -> list[Seen]:
             made.extend(round(10.0 * one.at[0]) for one in due)
-            return [(one.at + one.number, one.at.sum()) for one in due]
+            return [Seen(one.at + one.number, one.at.sum()) for one in due]
 
         seen = store.seen(trials, run=run, step=lambda: None)
         assert all(

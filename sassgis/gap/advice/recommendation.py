@@ -38,7 +38,9 @@ def model_gaps(
     problem: SiteData,
     rows: FloatArray,
     left: float = 0.0,
-    scales: tuple[float, float] = (1.0, 1.0),
+    *,
+    observed_scale: float = 1.0,
+    model_scale: float = 1.0,
 ) -> tuple[ModelGap, ...]:
     """Compute how far a model is off: run-out, energy or else speed, arrivals at stations.
 
@@ -58,7 +60,7 @@ def model_gaps(
         if what == "speed":
             place = problem.case.station_names[int(place[1:])]
             quantity, unit = "speed_mps", "m/s"
-            seen, made = seen / scales[0], made / scales[1]
+            seen, made = seen / observed_scale, made / model_scale
             found.append(_arrivals(problem, place, column, np.isfinite(seen), np.isfinite(made)))
             if np.isfinite(mass[np.isfinite(seen)]).all():
                 seen, made = 0.5e-3 * mass * seen**2, 0.5e-3 * mass * made**2

@@ -18,6 +18,7 @@ from scipy.special import ndtri
 
 from sassgis.engine.effects.registry import EFFECTS
 from sassgis.gap.constants import FINGERPRINT_ROCKS, MEDIAN_OF_NORMAL, MISSTATED_SHARE
+from sassgis.gap.diagnosis import Fingerprint
 from sassgis.gap.forward.hypothesis_model import HypothesisModel
 from sassgis.gap.observations.case import Case
 from sassgis.gap.residuals.residual_table import ResidualTable, StepTable
@@ -179,8 +180,8 @@ class Cause:
     closes: bool = True
     #: Reaches in which fitted models have it act: the whole slope, if it says nothing else.
     place: Placing = lambda case, _: case.reaches
-    #: Shares of its parameters that fingerprints measure, z by statistic and value: they stay so.
-    measured: Callable[[Mapping[str, tuple[float, float]]], Mapping[str, float]] = lambda _: {}
+    #: Shares of its parameters that fingerprints measure, by statistic: they stay so.
+    measured: Callable[[Mapping[str, Fingerprint]], Mapping[str, float]] = lambda _: {}
 
     @property
     def of_data(self) -> bool:

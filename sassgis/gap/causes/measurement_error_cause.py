@@ -38,6 +38,7 @@ from sassgis.gap.constants import (
     STRAIGHT_GROWTH,
     USUAL_SCALE,
 )
+from sassgis.gap.diagnosis import Fingerprint
 from sassgis.gap.forward.hypothesis_model import HypothesisModel, MeasurementError
 from sassgis.gap.observations.campaign import errors_of
 from sassgis.gap.observations.case import Case
@@ -79,12 +80,11 @@ def _draw(case: Case, draws: ParameterDraws) -> CausePart:
     return CausePart("scale, time base, noise", change, asdict(measurement))
 
 
-def _measured(prints: Mapping[str, tuple[float, float]]) -> Mapping[str, float]:
+def _measured(prints: Mapping[str, Fingerprint]) -> Mapping[str, float]:
     """Return the scale of speeds, if a fingerprint shows it: what fits the motion says less."""
-    for name in (_IN_TIME, _PASSING, _AGAINST_FALLS):
-        z, scale = prints.get(name, (0.0, 1.0))
-        if z >= PRINTED_Z and scale > 0.0 and abs(math.log(scale)) < LOG_SCALE:
-            share = 0.5 + 0.5 * math.log(scale) / LOG_SCALE
+    for one in (prints[n] for n in (_IN_TIME, _PASSING, _AGAINST_FALLS) if n in prints):
+        if one.z >= PRINTED_Z and one.value > 0.0 and abs(math.log(one.value)) < LOG_SCALE:
+            share = 0.5 + 0.5 * math.log(one.value) / LOG_SCALE
             return {"seen.scale": 0.0, "seen.log_scale": share}
     return {}
 

@@ -110,9 +110,12 @@ class CalibrationTask:
             for site in self.sites
         )
 
-    def model(self, site: SiteData, shares: FloatArray) -> HypothesisModel:
-        """Return a site as configured, with parameters at shares of their ranges."""
-        return configured_model(site.case, table_with(site.case.table, self.parameters, shares))
+    def model(self, site: SiteData, shares: FloatArray | None) -> HypothesisModel:
+        """Return a site as configured, with parameters at shares of their ranges, if given."""
+        table = site.case.table
+        if shares is not None:
+            table = table_with(table, self.parameters, shares)
+        return configured_model(site.case, table)
 
 
 def calibration_task(
@@ -145,22 +148,29 @@ def run_trial(task: CalibrationTask, trial: Trial) -> Seen:
         own, rows = site.of_model(model, trial.number, trial.count)
         numbers.append(own)
         scores.append(scores_of(site.problem, model, trial.number, rows))
-    return np.concatenate(numbers), float(np.concatenate(scores).mean())
+    return Seen(np.concatenate(numbers), float(np.concatenate(scores).mean()))
 
 
-#: Place of a site among the sites, and parameters.
-SiteAt = tuple[int, FloatArray]
-RunSites = Callable[[Sequence[SiteAt]], Sequence[Misfits]]
+@dataclass(frozen=True, slots=True)
+class SiteTask:
+    """Campaigns of a site at shares of the parameters; without them, as configured."""
+
+    site: int
+    shares: FloatArray | None
+    number: int
 
 
-def run_site(task: CalibrationTask, at: SiteAt) -> Misfits:
+RunSites = Callable[[Sequence[SiteTask]], Sequence[Misfits]]
+
+
+def run_site(task: CalibrationTask, at: SiteTask) -> Misfits:
     """Return observed less simulated numbers of a site at some parameters."""
-    site = task.summaries[at[0]]
+    site = task.summaries[at.site]
     problem = site.problem
     parts = np.arange(task.n_parts)[:, None]
     weights = [np.ones((1, problem.n_rocks)), problem.part != parts, rocks_drawn_anew(problem)]
-    model = task.model(problem, prior_shares(task.parameters, at[1]))
-    off = site.misfits(model, MISFIT_NUMBER, FINAL_COUNT, np.vstack(weights))
+    model = task.model(problem, at.shares)
+    off = site.misfits(model, at.number, FINAL_COUNT, np.vstack(weights))
     first = 1 + task.n_parts
     return Misfits(off[0], off[1:first], off[first:], site.units)
 
@@ -185,29 +195,20 @@ def search(
     """
     budget = budget_of(task, draws)
     fit = fit_linearly(joined(task.summaries), np.zeros(len(task.parameters)), run, budget)
-    told = told_by(fit, run_sites([(k, fit.best) for k in range(len(task.sites))]))
+    best, sites = prior_shares(task.parameters, fit.best), range(len(task.sites))
+    told = told_by(fit, run_sites([SiteTask(k, best, MISFIT_NUMBER) for k in sites]))
     posterior = posterior_of(task.parameters, together(told), task.seed)
     fitted = fitted_parameters(task.parameters, posterior)
     return Calibrated(told, posterior, fitted, budget.tried)
 
 
-@dataclass(frozen=True, slots=True)
-class FinalTask:
-    """Campaigns for the errors of a site; without shares of the parameters: as configured."""
-
-    site: int
-    shares: FloatArray | None
-    number: int
-
-
-def final_prediction(task: CalibrationTask, final: FinalTask) -> Prediction:
+def final_prediction(task: CalibrationTask, final: SiteTask) -> Prediction:
     """Predict the rocks of a site."""
     site = task.sites[final.site]
-    model = configured_model(site.case) if final.shares is None else task.model(site, final.shares)
-    return prediction(site, model, final.number, FINAL_COUNT)
+    return prediction(site, task.model(site, final.shares), final.number, FINAL_COUNT)
 
 
-RunFinals = Callable[[Sequence[FinalTask]], Sequence[Prediction]]
+RunFinals = Callable[[Sequence[SiteTask]], Sequence[Prediction]]
 
 
 def held_out(task: CalibrationTask, found: Calibrated, run: RunFinals) -> list[Prediction]:
@@ -216,7 +217,7 @@ def held_out(task: CalibrationTask, found: Calibrated, run: RunFinals) -> list[P
     tasks = []
     for part in range(task.n_parts):
         shares = prior_shares(task.parameters, whole.estimate_without(part))
-        tasks += [FinalTask(k, shares, FINAL_NUMBER + 10 + part) for k in range(len(task.sites))]
+        tasks += [SiteTask(k, shares, FINAL_NUMBER + 10 + part) for k in range(len(task.sites))]
     made = list(run(tasks))
     merged = []
     for k, site in enumerate(task.sites):
@@ -301,9 +302,9 @@ def result_of(task: CalibrationTask, found: Calibrated, run: RunFinals) -> SiteC
     finals = []
     for k, best in enumerate(own):
         finals += [
-            FinalTask(k, None, FINAL_NUMBER),
-            FinalTask(k, posterior.best, FINAL_NUMBER + 1),
-            FinalTask(k, best, FINAL_NUMBER + 1),
+            SiteTask(k, None, FINAL_NUMBER),
+            SiteTask(k, posterior.best, FINAL_NUMBER + 1),
+            SiteTask(k, best, FINAL_NUMBER + 1),
         ]
     # What fits the only site best is what fits all.
     made = list(run(finals if len(own) > 1 else finals[:2]))

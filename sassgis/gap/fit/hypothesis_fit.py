@@ -197,7 +197,7 @@ def see(summary: SiteSummary, task: HypothesisDraw) -> Seen:
     distance = np.nan
     if problem.scale.names:
         distance = RockDistances.of(problem.rows, rows).value()
-    return numbers, distance
+    return Seen(numbers, distance)
 
 
 @dataclass(frozen=True, slots=True)
@@ -325,7 +325,9 @@ def _keeping_configured(
 ) -> FloatArray:
     """Find the best parameters with the ground as configured where the rocks ask for no more."""
     back = found.given(space.of_ground & ~found.asked)
-    distances = [d for _, d in trials([Trial(0, at, LOOK_COUNT) for at in (found.best, back)])]
+    distances = [
+        seen.distance for seen in trials([Trial(0, at, LOOK_COUNT) for at in (found.best, back)])
+    ]
     # Below zero is chance.
     enough = AS_GOOD_FACTOR * max(distances[0], 0.0) + AS_GOOD_MORE
     return back if distances[1] <= enough else found.best

@@ -14,6 +14,7 @@ from __future__ import annotations
 import warnings
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 from scipy.stats import qmc
@@ -224,9 +225,11 @@ def _moments(values: FloatArray, has: FloatArray, by: FloatArray) -> FloatArray:
     return found
 
 
-#: Numbers of a draw, shape (p,), and the energy distance of its campaigns from the observed rocks,
-#: or their mean energy score.
-Seen = tuple[FloatArray, float]
+class Seen(NamedTuple):
+    """What the campaigns of a draw show."""
+
+    numbers: FloatArray  # shape (p,)
+    distance: float  # energy distance from the observed rocks, or their mean energy score
 
 
 @dataclass(frozen=True, slots=True)
@@ -318,7 +321,7 @@ def fit_linearly(
     def look(at: FloatArray) -> float:
         (seen,) = run([Trial(LOOK_NUMBER, at, budget.looked)])
         points.append(at)
-        numbers.append(seen[0])
+        numbers.append(seen.numbers)
         return _loss(summary, at, seen)
 
     best = start.copy()

@@ -207,7 +207,8 @@ def site_data_of(
     case: Case,
     seed: int,
     name: str = "",
-    simulated: tuple[HypothesisModel, int] | None = None,
+    simulated: HypothesisModel | None = None,
+    number: int = 0,
     sideways: bool = True,
 ) -> SiteData:
     """Prepare a case.
@@ -221,9 +222,8 @@ def site_data_of(
     rock_lines = rock_lines_of(case)
     observed = observed_campaign(case)
     if simulated is not None:
-        model, number = simulated
         observed = campaigns(
-            case, rock_lines, model, count=1, seed=seed, number=number, tables=_IN_ROWS
+            case, rock_lines, simulated, count=1, seed=seed, number=number, tables=_IN_ROWS
         )[0]
     quantities = rock_quantities(case, observed)
     scale = scale_of(case, quantities)
@@ -235,7 +235,7 @@ def site_data_of(
     if impacts is not None:
         outcomes = observed_outcomes(impacts)
         if simulated is not None:
-            made = simulated_outcomes(case, model, impacts, seed=seed, number=number)
+            made = simulated_outcomes(case, simulated, impacts, seed=seed, number=number)
             # What was not measured of an impact is not known of the simulated one either.
             outcomes = np.where(np.isfinite(outcomes), made[:, 0], np.nan)
         seen_after = impact_quantities(impacts, outcomes[:, None], case.n_rocks)

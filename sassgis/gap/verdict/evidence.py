@@ -206,7 +206,7 @@ class AddedCauses:
         fingerprints measure stays as they have it.
         """
         gains = self.evidence.gains
-        seen = {f.statistic: (f.z, f.value) for f in self.evidence.prints if f.observable}
+        seen = {f.statistic: f for f in self.evidence.prints if f.observable}
         start: dict[str, float] = {}
         held: dict[str, float] = {}
         for cause in effect.split("+"):

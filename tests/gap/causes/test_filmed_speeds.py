@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
@@ -11,6 +12,7 @@ from helpers.simulated_slope import observed, with_metadata, with_observed, with
 from sassgis.gap.causes.all_causes import CAUSES
 from sassgis.gap.causes.cause import Scoring, Unseen
 from sassgis.gap.constants import FINGERPRINT_ROCKS
+from sassgis.gap.diagnosis import Fingerprint
 from sassgis.gap.fit.hypothesis_fit import draw_of, space_of
 from sassgis.gap.fit.site_data import SiteData
 from sassgis.gap.observations.case import Case
@@ -63,7 +65,15 @@ def test_the_scale_that_a_fingerprint_measures_is_held(problem: SiteData) -> Non
     track = seen.observations.trajectories
     fast = with_observed(seen, trajectories=replace(track, speed_mps=1.3 * track.speed_mps))
     assert all_alike(fast, NO_RESIDUALS).size == pytest.approx(1.3, rel=0.02)
-    measured = CAUSES["measurement_error"].measured
+
+    def measured(seen: dict[str, tuple[float, float]]) -> Mapping[str, float]:
+        """What is held by z and value of fingerprints."""
+        prints = {
+            name: Fingerprint("measurement_error", name, value, z, 0.01, True, 20)
+            for name, (z, value) in seen.items()
+        }
+        return CAUSES["measurement_error"].measured(prints)
+
     # That of paths in time, which lose nothing between two points, before that of falls.
     held = measured({IN_TIME: (6.0, 0.9), PASSING: (8.0, 1.1), AGAINST_FALLS: (9.0, 1.2)})
     assert held == measured({PASSING: (3.0, 0.9), AGAINST_FALLS: (9.0, 1.2)})

@@ -59,7 +59,7 @@ def told_of(sites: Sequence[FloatArray], rng: np.random.Generator) -> tuple[Told
             scatter = 0.3 / np.sqrt(one.count) * rng.standard_normal(len(slopes))
             shown = slopes @ one.at + scatter
             off = (shown - whole.observed) / whole.error
-            made.append((shown, float(np.mean(off**2)) / whole.units))
+            made.append(Seen(shown, float(np.mean(off**2)) / whole.units))
         return made
 
     fit = fit_linearly(whole, np.zeros(2), run, BUDGET)
