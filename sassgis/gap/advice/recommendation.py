@@ -45,7 +45,7 @@ def model_gaps(
     """Compute how far a model is off: run-out, energy or else speed, arrivals at stations.
 
     ``rows``: of rocks in the model, shape (m, n_rocks, p); ``left``: share of the rocks that leave
-    the terrain in it, and may come farther; ``scales``: speeds over the true ones, of the
+    the terrain in it, and may come farther; scales: speeds over the true ones, of the
     observations and of the rows.
     """
     names, scale = problem.scale.names, problem.scale
