@@ -33,7 +33,7 @@ from gap_check.worlds import WorldSpec
 
 import sassgis
 from sassgis.gap.fit.class_calibration import calibration_task, run_site, run_trial, search
-from sassgis.gap.fit.parameters import Prior, fitted_names, parameters_of, table_with
+from sassgis.gap.fit.parameters import fitted_names, parameters_of, prior_shares, table_with
 from sassgis.gap.fit.site_data import site_data_of
 from sassgis.gap.forward.hypothesis_model import configured_model
 from sassgis.gap.observations.case import Case
@@ -69,9 +69,9 @@ def campaign(
     rules = read_ranges(case.table)
     parameters = parameters_of(case.table, classes, names, rules)
     level = np.random.default_rng([seed, 17]).random(len(parameters))
-    truth = Prior.of(parameters).shares(stats.norm.ppf(level))
+    truth = prior_shares(parameters, stats.norm.ppf(level))
     model = configured_model(case, table_with(case.table, parameters, truth))
-    problem = site_data_of(case, seed, simulated=(model, _TRUTH + seed), sideways=False)
+    problem = site_data_of(case, seed, simulated=model, number=_TRUTH + seed, sideways=False)
     task = calibration_task([problem], classes, names, rules, seed)
     with task_map(task, jobs) as run:
         found = search(

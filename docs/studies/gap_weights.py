@@ -46,8 +46,9 @@ from study_tables import between_marks, table
 
 from sassgis.errors import InputError
 from sassgis.gap.causes.all_causes import CAUSES, GROUPS, STATISTICS
+from sassgis.gap.constants import FIT_DRAWS
 from sassgis.gap.diagnosis import CauseGain, Fingerprint
-from sassgis.gap.fit.hypothesis_fit import CONTACT_LAW, DRAWS, NONE, UNKNOWN, HypothesisFits
+from sassgis.gap.fit.hypothesis_fit import CONTACT_LAW, NONE, UNKNOWN, HypothesisFits
 from sassgis.gap.fit.linear_fit import summary_of
 from sassgis.gap.fit.site_data import site_data_of
 from sassgis.gap.forward.hypothesis_model import configured_model
@@ -134,7 +135,7 @@ def evidence_at(site: Path) -> Evidence:
         case = prepared_case(site / "config.toml", site / "observations", 1, 1.0)
         summary = summary_of(site_data_of(case, 1))
         with task_map(summary, 1) as run:
-            return evidence_of_site(HypothesisFits(summary, run, DRAWS)).evidence
+            return evidence_of_site(HypothesisFits(summary, run, FIT_DRAWS)).evidence
 
 
 def row_of(site: str, folder: Path) -> dict[str, Any]:

@@ -23,13 +23,7 @@ from sassgis.errors import SassgisError
 
 
 def main(argv: list[str] | None = None) -> None:
-    """Check, and print each share with its sites.
-
-    Raises
-    ------
-    SystemExit
-        With one line, if the check cannot be made.
-    """
+    """Check, and print each share with its sites; SystemExit with one line if it cannot be made."""
     parser = argparse.ArgumentParser(
         description=(__doc__ or "").split("\n", 1)[0],
         formatter_class=argparse.ArgumentDefaultsHelpFormatter,

@@ -97,18 +97,11 @@ class Answer:
 
 
 def answer_from(case: str, diagnosis: Mapping[str, Any]) -> Answer:
-    """Read an answer from the content of a ``diagnosis.json`` (``sassgis.gap.diagnosis.as_json``).
-
-    Raises
-    ------
-    KeyError, TypeError, ValueError
-        If the verdict or the advice is missing, or is no such thing.
-    """
+    """Read an answer from a ``diagnosis.json``; KeyError, TypeError or ValueError if it is none."""
     verdict, advice = diagnosis["verdict"], diagnosis["advice"]
     confidence = verdict["confidence"]
     return Answer(
-        case=case,
-        effect=str(verdict["effect"]),
+        case=case, effect=str(verdict["effect"]),
         confidence=math.nan if confidence is None else float(confidence),
         confusion_set=tuple(str(name) for name in verdict["confusion_set"]),
         group=str(verdict.get("group", "")),
@@ -116,7 +109,7 @@ def answer_from(case: str, diagnosis: Mapping[str, Any]) -> Answer:
         cannot_exclude=tuple(verdict.get("cannot_exclude", ())),
         short=any(ModelGap(**gap).far_short for gap in advice.get("left", ())),
         recommended=advice.get("short") is None,
-    )
+    )  # fmt: skip
 
 
 def _finding(row: Mapping[str, Any]) -> GapFinding | None:

@@ -68,20 +68,11 @@ def check(
 
     ``OUT/cases`` holds what observers have and know, ``OUT/blinded`` the labels, whose salted hash
     is in ``OUT/labels.sha256``; they are opened when every site has been answered. Each case is
-    diagnosed by a process that is given the paths in its own folder and a clean environment. A call
-    goes on where the last one ended.
+    diagnosed by ``program``, Python that runs in its folder, with a clean environment and the names
+    of configuration, observations and answer. A call goes on where the last one ended.
 
-    Parameters
-    ----------
-    program : str
-        Python that is run in the folder of a case with the names of its configuration, its
-        observations and the folder of the answer.
-
-    Raises
-    ------
-    InputError
-        If weights were fitted to this battery, if the folder holds another one, or if labels or
-        cases are not those that were made.
+    InputError if weights were fitted to this battery, if the folder holds another one, or if labels
+    or cases are not those that were made.
     """
     if seed in read_thresholds()["battery_seeds"]:
         raise InputError(
@@ -183,12 +174,9 @@ def _diagnose_one(out: Path, case: str, program: str) -> None:
     environment = {k: os.environ[k] for k in _KEPT if k in os.environ}
     done = subprocess.run(
         [sys.executable, "-c", program, CONFIG_NAME, OBSERVATIONS_NAME, str(answer)],
-        cwd=out / "cases" / case,
-        env=environment | dict.fromkeys(_ONE_THREAD, "1"),
-        capture_output=True,
-        text=True,
-        check=False,
-    )
+        cwd=out / "cases" / case, env=environment | dict.fromkeys(_ONE_THREAD, "1"),
+        capture_output=True, text=True, check=False,
+    )  # fmt: skip
     said = (done.stderr.strip().splitlines() or ["no output"])[-1]
     digest = folder_digest(answer) if answer.exists() else ""
     failure = said if done.returncode else ""

@@ -69,19 +69,23 @@ _SETTINGS: dict[str, Callable[[PlacedEffect], Any]] = {
 
 def run_rocks(world: World, rocks: Rocks) -> Run:
     """Release rocks; what they spawn is theirs."""
-    grid = _grid(world)
+    own = world.surface
+    grid = Grid(own.z, own.west, own.north, own.cell_m, crs="EPSG:2056", vertical_datum="LN02")
+    lines = world.station_lines().reshape(-1, 2, 2)
+    stations = [(ControlLine(f"S{k + 1}", "station"), line) for k, line in enumerate(lines)]
+    keys = point_keys("/".join(map(str, rocks.seed)), len(rocks))
     done = follow(
-        PathTerrain(grid, _ground(world), _TOLERANCE_M, _stations(world), _forest(world)),
+        PathTerrain(grid, _ground(world), _TOLERANCE_M, stations, _forest(world)),
         ReleasePoints(
-            rocks.place[:, 0], rocks.place[:, 1], np.zeros(len(rocks), np.int64),
-            _keys(rocks), ("release",),
+            rocks.place[:, 0], rocks.place[:, 1], np.zeros(len(rocks), np.int64), keys,
+            ("release",),
         ),
         true_table(world),
         _blocks(rocks),
         EngineSettings(),
         seed=world.seed % 2**31,
         rocks_per_point=1,
-        point_keys=_keys(rocks),
+        point_keys=keys,
         log_events=_LOGGED,
         effects=EffectSettings(
             *(_SETTINGS[e.name](e) for e in world.effects if e.name in _SETTINGS)
@@ -119,11 +123,6 @@ def true_table(world: World) -> GroundTable:
     return GroundTable((*classes, ice))
 
 
-def _grid(world: World) -> Grid:
-    own = world.surface
-    return Grid(own.z, own.west, own.north, own.cell_m, crs="EPSG:2056", vertical_datum="LN02")
-
-
 def _ground(world: World) -> NDArray[np.int32]:
     """Classes of the cells; ice lies on some of them between its ends."""
     ground, ice = world.ground.astype(np.int32), world.effect("ice")
@@ -143,15 +142,6 @@ def _forest(world: World) -> Forest | None:
     return Forest(
         np.where(inside, trees.between(20.0, 4000.0) / 1e4, 0.0), np.where(inside, _DBH_M, 0.0)
     )
-
-
-def _stations(world: World) -> list[tuple[ControlLine, FloatArray]]:
-    lines = world.station_lines().reshape(-1, 2, 2)
-    return [(ControlLine(f"S{k + 1}", "station"), line) for k, line in enumerate(lines)]
-
-
-def _keys(rocks: Rocks) -> NDArray[np.uint64]:
-    return point_keys("/".join(map(str, rocks.seed)), len(rocks))
 
 
 def _blocks(rocks: Rocks) -> list[BlockPopulation]:

@@ -31,10 +31,7 @@ _N_RELEASES = 12
 
 
 def make_world(spec: WorldSpec, seed: int) -> World:
-    """Draw a site; its effects are brought to the strengths that are asked for.
-
-    Same specification and seed, same site. ValueError if there is no such slope.
-    """
+    """Draw a site with its effects at the strengths asked for; the same for the same seed."""
     world = base_world(spec, seed)
     for number, wanted in enumerate(spec.effects):
         effect = place_effect(world, wanted, seed + 7919 * (number + 1))
@@ -63,16 +60,11 @@ def base_world(spec: WorldSpec, seed: int) -> World:
         "drop_m": (0.2, 1.0),
     }
     world = World(
-        spec=spec,
-        seed=seed,
-        relief=relief,
-        survey=survey,
-        surface=relief.surface,
+        spec=spec, seed=seed, relief=relief, survey=survey, surface=relief.surface,
         ground=_patched(relief, rng) if spec.disturbance == "patch" else relief.ground,
-        releases=np.column_stack([x, y, survey.at(x, y)]),
-        blocks=blocks,
+        releases=np.column_stack([x, y, survey.at(x, y)]), blocks=blocks,
         faults=_drawn_faults(rng) if spec.faults else Faults(),
-    )
+    )  # fmt: skip
     # Stations where nearly all to a third of the rocks still pass, evenly over the distance.
     stops = simulate(world, draw_rocks(world, 60, 11)).deposits
     ends = relief.frame.s(stops["x"].to_numpy(), stops["y"].to_numpy())
@@ -89,18 +81,14 @@ def _drawn_faults(rng: np.random.Generator) -> Faults:
         contact_min_interval_s=float(rng.uniform(0.03, 0.25)),
         passages_missed_share=float(rng.uniform(0.0, 0.15)),
         clipped_share=float(rng.choice([0.0, 0.2, 0.5])),
-        stops_m=2.0 if rng.random() < 0.5 else 0.0,
-        axes_sd=float(rng.choice([0.0, 0.1, 0.2])),
+        stops_m=2.0 if rng.random() < 0.5 else 0.0, axes_sd=float(rng.choice([0.0, 0.1, 0.2])),
         release_m=(float(rng.uniform(-1.5, 1.5)), float(rng.uniform(0.0, 0.5))),
         stated=tuple(name for name in known if rng.random() < 0.5),
-    )
+    )  # fmt: skip
 
 
 def _patched(relief: Relief, rng: np.random.Generator) -> IntArray:
-    """Ground with a patch across the path that differs from the map: soft on hard, or hard on soft.
-
-    The patch takes a third of the slope below the second stretch.
-    """
+    """Ground with a patch on a third of the slope that the map lacks: soft on hard, or reverse."""
     low, high = relief.breaks_m[2], relief.breaks_m[-2]
     start = low + rng.uniform(0.1, 0.6) * (high - low)
     s = relief.s_of_cells()
@@ -153,9 +141,8 @@ def with_effect(world: World, effect: PlacedEffect) -> World:
 def calibrated(world: World, effect: PlacedEffect) -> PlacedEffect:
     """Give an effect the magnitude at which its size is that of its strength.
 
-    The site is compared with itself as it is before this effect: the second of a pair is measured
-    on top of the first. Where even the strongest magnitude is too weak, the nearest one is taken,
-    and the effect is called by the strength that it has.
+    The site is compared with itself as it is before this effect. Where even the strongest magnitude
+    is too weak, the nearest is taken, and the effect is called by the strength that it has.
     """
     n = _MEASURED[world.spec.law]
     base = features(world, simulate(world, draw_rocks(world, n, 21)))
@@ -180,9 +167,8 @@ def calibrated(world: World, effect: PlacedEffect) -> PlacedEffect:
 def features(world: World, run: Run) -> list[FloatArray]:
     """What is compared: a table of the stops, and one of the passages of each station.
 
-    Stops: distance down the slope and lateral, and logarithm of the number of blocks that a rock
-    has become. Stations: speed, rotation, place across the slope. Errors of measurement that are
-    the site's truth are in them.
+    Stops: distance down the slope and lateral, logarithm of the number of blocks of a rock.
+    Stations: speed, rotation, place across the slope. True errors of measurement are in them.
     """
     run = distorted(world, run)
     frame, d = world.relief.frame, run.deposits
@@ -205,8 +191,8 @@ def features(world: World, run: Run) -> list[FloatArray]:
 def effect_size(base: list[FloatArray], changed: list[FloatArray], before: int = 0) -> float:
     """Size of an effect: the largest on any quantity, or on all of a table together.
 
-    Of stations the root mean square counts, over those after the first ``before``. Each column is
-    put on the scale of the rocks without the effect.
+    Of stations the root mean square counts, over those after the first ``before``; each column on
+    the scale of the rocks without the effect.
     """
     stops: list[float] = []
     stations: list[list[float]] = []
@@ -227,10 +213,7 @@ def effect_size(base: list[FloatArray], changed: list[FloatArray], before: int =
 
 
 def inhomogeneity(one: FloatArray, other: FloatArray) -> float:
-    """Energy distance of two samples, shapes (n, k) and (m, k), over its upper bound.
-
-    0 (same distribution) to 1, without bias at zero; negative estimates are given as 0.
-    """
+    """Energy distance of samples (n, k), (m, k) over its upper bound, 0 to 1, unbiased at zero."""
     if len(one) < 2 or len(other) < 2:
         return 1.0
     between = _mean_distance(one, other)

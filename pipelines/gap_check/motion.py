@@ -98,11 +98,7 @@ def draw_rocks(world: World, n: int, stream: int) -> Rocks:
 def _true_places(
     world: World, release: FloatArray, stream: int
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Where rocks start, and how much faster than is written down.
-
-    Where the release is wrong, the true places lie elsewhere, beside or below and all on one side,
-    and the rocks had been moving.
-    """
+    """Where rocks start, and how much faster than stated: where the release is wrong, elsewhere."""
     x, y, n = release[:, 0], release[:, 1], len(release)
     effect = world.effect("release_error")
     if effect is None:
@@ -124,11 +120,7 @@ def simulate(world: World, rocks: Rocks) -> Run:
         from gap_check.engine_rocks import run_rocks
     else:
         from gap_check.mujoco_rocks import run_rocks
-    return replace_index(run_rocks(world, rocks))
-
-
-def replace_index(run: Run) -> Run:
-    """The run with rows of each table numbered from 0."""
+    run = run_rocks(world, rocks)
     return replace(run, **{name: getattr(run, name).reset_index(drop=True) for name in TABLES})
 
 

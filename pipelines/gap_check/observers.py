@@ -57,10 +57,7 @@ jobs = 1
 
 
 def write_case(world: World, folder: Path, title: str, campaign: int = 0) -> Path:
-    """Release the rocks of a site and write what its observers see and know; the configuration.
-
-    ``folder``: must not be there. Observations are in the folder ``observations`` in it.
-    """
+    """Write what observers of a campaign see and know into a new folder; the configuration."""
     folder.mkdir(parents=True)
     raster = world.survey
     _write_raster(folder / "dem.tif", raster, raster.z)
@@ -177,10 +174,7 @@ def _recorded(world: World, run: Run, campaign: int) -> Run:
 
 
 def merged_contacts(impacts: pd.DataFrame, least_s: float) -> pd.DataFrame:
-    """Contacts sooner than ``least_s`` after another as one: before the first, after the last.
-
-    The turn is that of all of them together.
-    """
+    """Contacts sooner than ``least_s`` after another as one, with the turn of all of them."""
     rows = impacts.sort_values(["rock", "piece", "t_s"])
     after = ["vt_out_mps", "vn_out_mps", "omega_out_radps"]
     kept: list[dict[str, float]] = []
@@ -202,8 +196,8 @@ def merged_contacts(impacts: pd.DataFrame, least_s: float) -> pd.DataFrame:
 def _names(world: World, table: pd.DataFrame, own: str = "") -> list[str]:
     """R7 for rocks, R7.2 for their pieces, U for blocks that nobody can attribute.
 
-    Where observers know no names, only the rock itself keeps its own. A row of another block has a
-    name to itself that begins with ``own``; on film ("") a block is the same from row to row.
+    Where observers know no names, only the rock keeps its own. A row of another block has a name to
+    itself that begins with ``own``; on film ("") a block is the same from row to row.
     """
     names = []
     for k, (rock, piece, block) in enumerate(

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -41,29 +41,17 @@ class Share:
 
 
 @dataclass(frozen=True, slots=True)
-class Figures:
-    """Figures of some sites."""
+class CheckScores:
+    """Scores of some sites: of a check, or of those of one law."""
 
     worlds: int
+    failed: int  # sites without an answer; they count as wrong
     measures: Mapping[str, Share]
     #: What is no share: sizes of confusion sets, calibration error; NaN without sites.
     numbers: Mapping[str, float]
-
-
-@dataclass(frozen=True, slots=True)
-class CheckScores:
-    """All scores of a check."""
-
-    failed: int  # sites without an answer; they count as wrong
-    figures: Figures  # of all sites
-    by_law: Mapping[str, Figures]
+    by_law: Mapping[str, CheckScores]  # of a check
     #: Sites by truth (``ANSWERS`` without the last) and answer (``ANSWERS``).
     confusion: NDArray[np.int64]
-
-    @property
-    def measures(self) -> Mapping[str, Share]:
-        """Shares of all sites."""
-        return self.figures.measures
 
 
 def score(truths: Iterable[Truth], answers: Iterable[Answer]) -> CheckScores:
@@ -75,45 +63,49 @@ def score(truths: Iterable[Truth], answers: Iterable[Answer]) -> CheckScores:
         raise ValueError(f"sites and answers differ: {', '.join(odd)}")
     pairs = [(known[case], given[case]) for case in sorted(known)]
     laws = sorted({truth.law for truth, _ in pairs}, key=lambda law: (law != OWN_LAW, law))
-    confusion = np.zeros((len(ANSWERS) - 1, len(ANSWERS)), np.int64)
-    for truth, answer in pairs:
-        confusion[ANSWERS.index(_column(truth.verdict)), ANSWERS.index(_column(answer.effect))] += 1
-    return CheckScores(
-        failed=sum(bool(a.failure) for _, a in pairs),
-        figures=_figures(pairs),
-        by_law={law: _figures([p for p in pairs if p[0].law == law]) for law in laws},
-        confusion=confusion,
-    )
+    by_law = {law: _scores([p for p in pairs if p[0].law == law]) for law in laws}
+    return replace(_scores(pairs), by_law=by_law)
 
 
 def scores_as_json(scores: CheckScores) -> dict[str, Any]:
     """The scores as plain values; missing numbers become None."""
+
+    def figures(own: CheckScores) -> dict[str, Any]:
+        measures = {key: asdict(share) for key, share in own.measures.items()}
+        return {"worlds": own.worlds, "measures": measures, "numbers": own.numbers}
+
     plain: dict[str, Any] = without_nan(
         {
             "failed": scores.failed,
-            **asdict(scores.figures),
-            "by_law": {law: asdict(figures) for law, figures in scores.by_law.items()},
+            **figures(scores),
+            "by_law": {law: figures(own) for law, own in scores.by_law.items()},
             "confusion": {"answer": list(ANSWERS), "worlds": scores.confusion.tolist()},
         }
     )
     return plain
 
 
-def _column(effect: str) -> str:
-    if "+" in effect:
-        return "pair"
-    return effect if effect in ANSWERS else "no answer"
+def _scores(pairs: Sequence[Pair]) -> CheckScores:
+    """All scores of some sites but those by law."""
 
+    def column(effect: str) -> int:
+        name = "pair" if "+" in effect else effect
+        return ANSWERS.index(name if name in ANSWERS else "no answer")
 
-def _figures(pairs: Sequence[Pair]) -> Figures:
-    """All shares and numbers of some sites."""
+    confusion = np.zeros((len(ANSWERS) - 1, len(ANSWERS)), np.int64)
+    for truth, answer in pairs:
+        confusion[column(truth.verdict), column(answer.effect)] += 1
     answered = [(t.kind == "everything", len(a.confusion_set)) for t, a in pairs if not a.failure]
     sizes = {
         "set_size_everything": [size for whole, size in answered if whole],
         "set_size_otherwise": [size for whole, size in answered if not whole],
     }
     numbers = {key: float(np.mean(v)) if v else math.nan for key, v in sizes.items()}
-    return Figures(len(pairs), _measures(pairs), numbers | _calibration(pairs))
+    return CheckScores(
+        worlds=len(pairs), failed=sum(bool(a.failure) for _, a in pairs),
+        measures=_measures(pairs), numbers=numbers | _calibration(pairs), by_law={},
+        confusion=confusion,
+    )  # fmt: skip
 
 
 def _measures(pairs: Sequence[Pair]) -> dict[str, Share]:

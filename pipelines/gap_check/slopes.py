@@ -240,10 +240,7 @@ def _fractal(shape: tuple[int, ...], standard_m: float, rng: np.random.Generator
 
 
 def surveyed(surface: Surface, rng: np.random.Generator) -> Surface:
-    """A terrain model of a slope with one of the faults of real ones, or with none.
-
-    Smoothed over some metres, shifted by one or two, or measured on cells of 6 m.
-    """
+    """A terrain model with a fault of real ones or none: smoothed, shifted, or of 6 m cells."""
     fault = int(rng.integers(4))
     z = surface.z
     if fault == 1:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from itertools import pairwise
 from typing import TypeVar
 
 import numpy as np
@@ -146,12 +145,6 @@ class World:
         """The effect of that name, if it acts here."""
         return next((e for e in self.effects if e.name == name), None)
 
-    @property
-    def reaches(self) -> tuple[str, ...]:
-        """Names of the reaches between release, stations and the end."""
-        stops = ("release", *(f"S{k + 1}" for k in range(len(self.stations_s))), "end")
-        return tuple(f"{a}-{b}" for a, b in pairwise(stops))
-
     def station_lines(self) -> FloatArray:
         """Stations as lines across the slope: x0, y0, x1, y1 (m), a row for each."""
         ends = [self.relief.frame.xy(self.stations_s, np.full(len(self.stations_s), c))
@@ -186,8 +179,7 @@ def battery(seed: int, n: int, laws: Sequence[str] = LAWS) -> list[WorldSpec]:
 
     A third has no effect, two fifths a single one, two fifteenths a pair, the rest an unknown one.
     Of the single ones two fifths are observed as in ``FULL`` and a third as in ``MODEST``, of the
-    unknown ones seven tenths as in ``FULL``; all others go round the designs. Families, laws,
-    slopes, numbers of stations, names and stated errors go round in shuffled cycles. Half of the
+    unknown ones seven tenths as in ``FULL``. All else goes round in shuffled cycles. Half of the
     sites without an effect are disturbed. All observers and terrain models have faults.
     """
     rng = np.random.default_rng([seed, 1986])
@@ -197,25 +189,18 @@ def battery(seed: int, n: int, laws: Sequence[str] = LAWS) -> list[WorldSpec]:
     n_full, n_modest = round(n_single * _SINGLE_FULL), round(n_single * _SINGLE_MODEST)
     unknown_full = round(n_unknown * _UNKNOWN_FULL)
     effects = [()] * n_none + _singles(rng, n_single) + _pairs(rng, n_pair)
-    effects += [
-        (EffectSpec(name, strength),)
-        for name, strength in zip(
-            _cycle(rng, UNKNOWNS, n_unknown), _cycle(rng, STRENGTHS[1:], n_unknown), strict=True
-        )
-    ]
+    unknown = _cycle(rng, UNKNOWNS, n_unknown), _cycle(rng, STRENGTHS[1:], n_unknown)
+    effects += [(EffectSpec(*own),) for own in zip(*unknown, strict=True)]
     designs = _cycle(rng, DESIGNS, n_none)
     designs += [FULL] * n_full + _cycle(rng, DESIGNS, n_single - n_full - n_modest)
     designs += [MODEST] * n_modest + _cycle(rng, DESIGNS, n_pair)
     designs += [FULL] * unknown_full + _cycle(rng, DESIGNS, n_unknown - unknown_full)
     circumstances = zip(
-        _cycle(rng, SLOPE_TYPES, n),
-        _cycle(rng, laws, n),
-        _cycle(rng, range(1, MOST_STATIONS + 1), n),
-        _cycle(rng, _NAMED, n),
-        _cycle(rng, _ERROR_FACTORS, n),
-        _cycle(rng, _DISTURBANCES, n_none) + [""] * (n - n_none),
+        _cycle(rng, SLOPE_TYPES, n), _cycle(rng, laws, n),
+        _cycle(rng, range(1, MOST_STATIONS + 1), n), _cycle(rng, _NAMED, n),
+        _cycle(rng, _ERROR_FACTORS, n), _cycle(rng, _DISTURBANCES, n_none) + [""] * (n - n_none),
         strict=True,
-    )
+    )  # fmt: skip
     specs = [
         replace(WorldSpec(slope, own, *design, *rest), faults=True)
         for own, design, (slope, *rest) in zip(effects, designs, circumstances, strict=True)

@@ -22,6 +22,7 @@ from sassgis.cli.options import (
 )
 from sassgis.cli.progress_bar import ProgressBar, notes, printed
 from sassgis.errors import collected_notices
+from sassgis.gap.constants import FIT_DRAWS
 
 
 @command(
@@ -145,14 +146,13 @@ def diagnose(
 
     After an interruption it begins anew.
     """
-    from sassgis.gap.fit.hypothesis_fit import DRAWS
     from sassgis.gap.words import file_has
     from sassgis.report.gap_answer import verdict_sentence
     from sassgis.runs.diagnose import MAP_NAME
     from sassgis.runs.diagnose import diagnose as run_diagnosis
 
     with at_work(given) as how:
-        result = run_diagnosis(config, observations, out, draws=draws or DRAWS, **how)
+        result = run_diagnosis(config, observations, out, draws=draws or FIT_DRAWS, **how)
     notes(result.warnings)
     click.echo(result.first_sentence)
     click.echo(verdict_sentence(result))

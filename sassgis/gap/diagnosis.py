@@ -10,8 +10,6 @@ from typing import Any
 from sassgis.gap.forward.hypothesis_model import HypothesisModel
 
 Range = tuple[float, float]
-#: Share of the draws of a cause that must show, for what it closes to speak for it.
-LEAST_POWER = 0.05
 
 
 @dataclass(frozen=True, slots=True)
@@ -122,11 +120,6 @@ class CauseGain:
     excess: float
     #: Parameters of the draw that closes most, as shares of their ranges.
     shares: Mapping[str, float] = field(default_factory=dict)
-
-    @property
-    def credible(self) -> bool:
-        """Whether the cause could make a gain at all here: else something else makes it."""
-        return self.power >= LEAST_POWER
 
 
 @dataclass(frozen=True, slots=True)
@@ -290,10 +283,7 @@ class Diagnosis:
 
 
 def as_json(diagnosis: Diagnosis) -> dict[str, Any]:
-    """Return the diagnosis as plain values, in the layout of ``diagnosis.json``.
-
-    Missing numbers (NaN) become None.
-    """
+    """Return the diagnosis in the layout of ``diagnosis.json``; missing numbers become None."""
     records = ("where", "which", "fingerprints", "gains", "ladder")
     plain: dict[str, Any] = without_nan(
         {

@@ -6,14 +6,11 @@ from collections.abc import Mapping
 from functools import reduce
 
 from sassgis.gap.causes.all_causes import CAUSES, GROUPS
+from sassgis.gap.constants import LEVEL
 from sassgis.gap.diagnosis import GapFinding
 from sassgis.settings.labels import ground_name, short
 from sassgis.settings.languages import Phrase, all_of, in_english, joined, named, phrase
 from sassgis.settings.styles import with_unit
-
-#: Findings below this level count: of the largest gap over all (headline), or as a share of false
-#: ones among those shown (map).
-LEVEL = 0.05
 
 EFFECT_NAMES: Mapping[str, str] = {
     **{name: cause.words[0] for name, cause in CAUSES.items()},

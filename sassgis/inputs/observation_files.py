@@ -18,14 +18,10 @@ import pandas as pd
 from sassgis.errors import InputError, notice, shown
 from sassgis.files.gdal_safety import layers_of, read_frame, vector_file
 from sassgis.files.plain_file import read_text
+from sassgis.gap.constants import DENSITY_KGM3
 from sassgis.gap.observations.checks import check_observations, empty_tables
 from sassgis.gap.observations.hops import with_passages
-from sassgis.gap.observations.observed import (
-    DENSITY_KGM3,
-    ObservationFinding,
-    Observations,
-    without,
-)
+from sassgis.gap.observations.observed import ObservationFinding, Observations, without
 from sassgis.gap.observations.tables import TABLES, Metadata, Table
 from sassgis.grid import Grid
 from sassgis.inputs.csv_table import csv_cells

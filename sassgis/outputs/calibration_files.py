@@ -7,8 +7,9 @@ from typing import Any
 
 import sassgis
 from sassgis.files.atomic_output import write_json, write_text
+from sassgis.gap.constants import COMPARED_QUANTILES
 from sassgis.gap.fit.class_calibration import SiteCalibration, SiteResult
-from sassgis.gap.fit.fit_errors import SHARES, QuantityErrors
+from sassgis.gap.fit.fit_errors import QuantityErrors
 from sassgis.outputs.config_template import written_document
 from sassgis.outputs.gap_files import classes_csv, write_runnable
 from sassgis.outputs.manifest import plain
@@ -76,7 +77,7 @@ def _errors(e: QuantityErrors) -> dict[str, Any]:
         "quantity": e.name,
         "unit": e.unit,
         "rocks": e.rocks,
-        "shares": SHARES,
+        "shares": COMPARED_QUANTILES,
         "observed": e.observed,
         "simulated": e.quantiles,
         "crps": e.crps,

@@ -10,8 +10,8 @@ from pathlib import Path
 from sassgis.errors import InputError, Interrupted
 from sassgis.files.atomic_output import CHECKPOINT_STEM, output_if_asked
 from sassgis.files.digests import value_digest
+from sassgis.gap.constants import CALIBRATED_ROCKS, CLASS_COUNT
 from sassgis.gap.fit.class_calibration import (
-    COUNT,
     SiteCalibration,
     budget_of,
     calibration_task,
@@ -49,9 +49,6 @@ from sassgis.settings.languages import in_language
 from sassgis.settings.run_config import Config
 from sassgis.settings.schema import Input
 from sassgis.simulation.workers import Jobs, OnProgress, one_algebra_thread, task_map
-
-#: With fewer rocks nothing can be said of their scatter.
-_FEWEST = 3
 
 
 def calibrate(
@@ -113,12 +110,14 @@ def calibrate(
         chosen = _chosen(ready, classes)
         rules = read_ranges(ready[0].case.table, configs[0].ground.ranges)
         task = calibration_task(ready, chosen, names, rules, seed)
-        if task.measured < _FEWEST:
+        if task.measured < CALIBRATED_ROCKS:
             raise InputError(
-                "too few rocks to calibrate on", file=observations_name(observed[0]), field="rocks",
+                "too few rocks to calibrate on",
+                file=observations_name(observed[0]),
+                field="rocks",
                 found=f"{task.measured} with a stop, a passage or an impact",
-                expected=f"{_FEWEST} or more",
-            )  # fmt: skip
+                expected=f"{CALIBRATED_ROCKS} or more",
+            )
         file = work / f"{CHECKPOINT_STEM}.draws.npz"
         store = DrawStore(file, value_digest(task), tell)
         try:
@@ -133,7 +132,7 @@ def calibrate(
                 def step() -> None:
                     if on_progress is not None:
                         done = next(made)
-                        on_progress(done, budget.trials, COUNT * task.n_rocks * done)
+                        on_progress(done, budget.trials, CLASS_COUNT * task.n_rocks * done)
 
                 seen = partial(store.seen, run=partial(run, run_trial), step=step)
                 found = search(task, seen, lambda due: list(run(run_site, due)), draws)

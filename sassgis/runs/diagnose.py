@@ -12,7 +12,6 @@ import numpy as np
 
 from sassgis.errors import InputError, Interrupted
 from sassgis.files.atomic_output import output_if_asked, write_text
-from sassgis.gap.advice.measure_next import DRAWS as DRAWS_COMPARED
 from sassgis.gap.advice.measure_next import separations, tables_to_add, what_is_identifiable
 from sassgis.gap.advice.recommendation import (
     first_sentence,
@@ -22,6 +21,14 @@ from sassgis.gap.advice.recommendation import (
     values_of,
     worst_of,
     wrong_ground,
+)
+from sassgis.gap.constants import (
+    CHOSEN_COUNT,
+    CHOSEN_NUMBER,
+    CONFIGURED_NUMBER,
+    DIAGNOSED_ROCKS,
+    FIT_DRAWS,
+    SEPARATION_DRAWS,
 )
 from sassgis.gap.diagnosis import (
     Advice,
@@ -34,11 +41,7 @@ from sassgis.gap.diagnosis import (
 )
 from sassgis.gap.fit.distances import RockDistances
 from sassgis.gap.fit.hypothesis_fit import (
-    CHOSEN,
-    CONFIGURED_NUMBER,
     CONTACT_LAW,
-    DRAWS,
-    FRESH,
     NONE,
     UNKNOWN,
     HypothesisFits,
@@ -92,8 +95,6 @@ from sassgis.simulation.workers import Jobs, OnProgress, one_algebra_thread, tas
 MAP_NAME = "map"
 #: Models that are handed over, whole, for measuring on other rocks.
 ENSEMBLE = "model/ensemble.json"
-#: With fewer rocks nothing can be left out.
-_FEWEST_ROCKS = 5
 _NOT_THE_LAW = (
     "another law of the contact closes more on rocks left out, but not certainly more than other "
     "values of the ground might"
@@ -112,7 +113,7 @@ def diagnose(
     jobs: Jobs = 1,
     seed: int = 1,
     overwrite: bool = False,
-    draws: int = DRAWS,
+    draws: int = FIT_DRAWS,
     ground_range: float = 1.0,
     report: bool = True,
     on_progress: OnProgress | None = None,
@@ -145,12 +146,14 @@ def diagnose(
         settings = configured(config, None)
         tell("Reading the inputs")
         case = prepared_case(settings, observations, seed, ground_range)
-        if case.n_rocks < _FEWEST_ROCKS:
+        if case.n_rocks < DIAGNOSED_ROCKS:
             raise InputError(
                 "too few rocks to distinguish a cause from chance",
-                file=observations_name(observations), field="rocks", found=case.n_rocks,
-                expected=f"{_FEWEST_ROCKS} or more",
-            )  # fmt: skip
+                file=observations_name(observations),
+                field="rocks",
+                found=case.n_rocks,
+                expected=f"{DIAGNOSED_ROCKS} or more",
+            )
         summary = summary_of(comparable(site_data_of(case, seed), observations))
         fingerprint = fingerprint_of(settings, observations, f"{seed} {draws} {ground_range:g}")
         try:
@@ -186,7 +189,8 @@ def _gaps(
     ``scale``: speeds as observed over the true ones.
     """
     left = share_left(problem.case, problem.rock_lines, model, problem.seed)
-    return model_gaps(problem, rows, left, (scale, model.measurement.scale)), left
+    scales = {"observed_scale": scale, "model_scale": model.measurement.scale}
+    return model_gaps(problem, rows, left, **scales), left
 
 
 def _diagnosis(added: AddedCauses, chosen: Mapping[str, Any], fingerprint: str) -> Diagnosis:
@@ -212,7 +216,8 @@ def _diagnosis(added: AddedCauses, chosen: Mapping[str, Any], fingerprint: str) 
     scale = added.fit(named).handed_over.draw.model.measurement.scale if named else 1.0
     if scale != 1.0:
         left_before = gaps[CONFIGURED][1]
-        rescaled = model_gaps(problem, added.configured_rows, left_before, (scale, 1.0))
+        rows = added.configured_rows
+        rescaled = model_gaps(problem, rows, left_before, observed_scale=scale)
         gaps = {CONFIGURED: (rescaled, left_before)}
     for step in steps:
         ladder.add(step, added.rung if step == surer else surer, added.rows(step))
@@ -228,17 +233,13 @@ def _diagnosis(added: AddedCauses, chosen: Mapping[str, Any], fingerprint: str) 
     (before, left_before), (left, left_after) = gaps[CONFIGURED], gaps[recommended]
     intervals = {effect: own.intervals(case) for effect, own in made.fits.items()}
     advice = Advice(
-        worst_of(before),
-        wrong_ground(case, intervals[CONTACT_LAW]) if law and not named else (),
-        case.ground_range,
-        () if fit is None else settings_of(case, fit, intervals[fit.effect]),
-        () if fit is None else tuple((t.one, t.other, t.correlation) for t in fit.trade_offs),
-        before,
-        left,
-        recommended,
-        shortfall(left),
-        why,
-    )
+        configured=worst_of(before),
+        wrong_ground=wrong_ground(case, intervals[CONTACT_LAW]) if law and not named else (),
+        ground_range=case.ground_range,
+        settings=() if fit is None else settings_of(case, fit, intervals[fit.effect]),
+        trade_offs=tuple((t.one, t.other, t.correlation) for t in fit.trade_offs) if fit else (),
+        compared=before, left=left, recommended=recommended, short=shortfall(left), why=why,
+    )  # fmt: skip
     rungs = ladder.rungs(CONFIGURED, GROUND, CONTACT_LAW, *steps)
     gains = sorted(evidence.gains.values(), key=lambda gain: -gain.sureness)
     excess = max((gain.excess for gain in gains), default=1.0)
@@ -298,7 +299,7 @@ def _models_of(added: AddedCauses, cause: str) -> list[HypothesisModel]:
     own = added.base if cause in (NONE, CONTACT_LAW) else added.name(cause)
     if own in added.made.fits:
         fit = added.made.fits[own]
-        others = fit.samples(case, DRAWS_COMPARED - 1)
+        others = fit.samples(case, SEPARATION_DRAWS - 1)
         return [fit.handed_over.draw.model, *(draw.model for draw in others)]
     gain = added.evidence.gains.get(cause)
     return [] if gain is None else [draw_of(case, own, gain.shares).model]
@@ -319,11 +320,11 @@ def _hypotheses(
         top = fit.handed_over.draw
         causes = [part for part in tried.split("+") if part != CONTACT_LAW]
         name = "+".join(causes) or CONTACT_LAW
-        share = shares.get(name.split("+")[0], 0.0)
         found.append(
             Hypothesis(
-                name, top.form, float(np.nanmean(own)), gain.value, (gain.low, gain.high), share,
-                top.parameters, intervals[tried],
+                effect=name, form=top.form, score=float(np.nanmean(own)), gain=gain.value,
+                ci95=(gain.low, gain.high), probability=shares.get(name.split("+")[0], 0.0),
+                parameters=top.parameters, intervals=intervals[tried],
             )
         )  # fmt: skip
     return tuple(sorted(found, key=lambda c: -c.probability))
@@ -404,7 +405,7 @@ def _write_models(file: Path, made: HypothesisFits, diagnosis: Diagnosis) -> Non
     kept: dict[str, Any] = {
         "seed": problem.seed,
         "named": diagnosis.shrinkage.effect,
-        "count": FRESH,
+        "count": CHOSEN_COUNT,
         "scale": {
             "names": list(scale.names), "centre": scale.centre.tolist(),
             "scale": scale.scale.tolist(),
@@ -418,7 +419,7 @@ def _write_models(file: Path, made: HypothesisFits, diagnosis: Diagnosis) -> Non
         distance = diagnosis.ladder[0].distance if diagnosis.ladder else None
         for fit in made.fits.values():
             if fit.handed_over.draw.model == model:
-                number = CHOSEN
+                number = CHOSEN_NUMBER
                 rows = RockDistances.of(problem.rows, fit.handed_over.rows)
                 distance = rows.value() if scale.names else None
         kept[name] = {"number": number, "distance": distance, "model": model_as_json(model)}

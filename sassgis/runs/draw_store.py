@@ -67,7 +67,7 @@ class DrawStore:
         finally:
             self.save()
         made = (self._made[_key(one)] for one in trials)
-        return [(numbers, float(score)) for _, _, numbers, score in made]
+        return [Seen(numbers, float(score)) for _, _, numbers, score in made]
 
     def save(self) -> None:
         """Write what was made; the file is whole at any time."""

@@ -4,18 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from sassgis.gap.causes.contact_law_cause import BOUNDS
+from sassgis.gap.constants import LAW_BOUNDS, WARNED_GROUPS, WARNED_LEAVING, WARNED_LIMIT
 from sassgis.gap.forward.hypothesis_model import HypothesisModel
 from sassgis.gap.observations.case import Case
 from sassgis.settings.languages import joined, phrase
 from sassgis.settings.run_config import Config
-
-#: With fewer groups of rocks a warning is given.
-_FEWEST_GROUPS = 4
-#: Share of rocks that leave the terrain from which it is said.
-_FEW_LEAVE = 0.01
-#: Share of a range, at its ends, in which a value is at its limit.
-_AT_LIMIT = 0.02
 
 
 def scenario_warnings(config: Config) -> tuple[str, ...]:
@@ -29,14 +22,14 @@ def scenario_warnings(config: Config) -> tuple[str, ...]:
 def group_warnings(case: Case) -> tuple[str, ...]:
     """Warn of too few groups to separate what their members share from a cause."""
     groups = np.unique(case.group).size
-    if groups >= _FEWEST_GROUPS:
+    if groups >= WARNED_GROUPS:
         return ()
     text = "The rocks are in {} groups." if groups > 1 else "The rocks are in 1 group."
     found = phrase(text, groups)
     told = phrase(
         "With fewer than {} groups, causes cannot be separated from what the rocks of a group "
         "share. Intervals are far too narrow.",
-        _FEWEST_GROUPS,
+        WARNED_GROUPS,
     )
     return (joined(" ", (found, told)),)
 
@@ -64,7 +57,7 @@ def limit_warnings(case: Case, model: HypothesisModel) -> tuple[str, ...]:
     found = [
         f"{own.name} {name} {getattr(own, name):.2g}"
         for own in met
-        for name in BOUNDS
+        for name in LAW_BOUNDS
         if _at_limit(name, getattr(own, name))
     ]
     if not found:
@@ -77,15 +70,15 @@ def limit_warnings(case: Case, model: HypothesisModel) -> tuple[str, ...]:
 
 
 def _at_limit(name: str, value: float) -> bool:
-    low, high = BOUNDS[name]
-    near = _AT_LIMIT * (high - low)
+    low, high = LAW_BOUNDS[name]
+    near = WARNED_LIMIT * (high - low)
     # Most ground has no loss that grows with the speed.
     return high - value < near or (value - low < near and name != "mu_v")
 
 
 def edge_warnings(before: float, after: float) -> tuple[str, ...]:
     """Warn that rocks leave the terrain, as configured and in the model that is handed over."""
-    if max(before, after) < _FEW_LEAVE:
+    if max(before, after) < WARNED_LEAVING:
         return ()
     text = (
         "{} % of the rocks as configured and {} % in the calibrated model reach the edge of the "

@@ -12,10 +12,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from gap_check.make import make_world
+from gap_check.make import base_world, place_effect, with_effect
 from gap_check.observers import CONFIG_NAME, OBSERVATIONS_NAME, write_case
 from gap_check.worlds import EffectSpec, WorldSpec
 from helpers.changed_arrays import change_arrays
+from helpers.model_files import model_from_json
 
 from sassgis.errors import InputError, Interrupted
 from sassgis.files.atomic_output import check_output
@@ -23,13 +24,13 @@ from sassgis.files.saved_arrays import unfit
 from sassgis.gap.fit import hypothesis_fit
 from sassgis.gap.fit.distances import RockDistances
 from sassgis.gap.fit.linear_fit import Seen, Trial
-from sassgis.gap.fit.site_data import Scale, model_rows, site_data_of
+from sassgis.gap.fit.site_data import SiteData, model_rows, site_data_of
 from sassgis.gap.forward.hypothesis_model import (
+    HypothesisModel,
     MeasurementError,
     configured_model,
-    model_from_json,
 )
-from sassgis.gap.verdict import model_comparison
+from sassgis.gap.verdict import evidence, model_comparison
 from sassgis.inputs.config import load_config
 from sassgis.inputs.gap_thresholds import read_thresholds, thresholds_of
 from sassgis.runs import diagnose as gap_diagnose
@@ -37,23 +38,28 @@ from sassgis.runs.diagnose import ENSEMBLE, diagnose
 from sassgis.runs.draw_store import DrawStore
 from sassgis.runs.gap_case import read_case
 
-#: What a scale of quantities holds besides their names.
-AXES = ("centre", "scale")
+#: Models in the file of the ensemble.
+MODELS = ("base", "effect", "configured")
 
 
 @pytest.fixture(scope="module", autouse=True)
 def few_draws() -> Iterator[None]:
-    """Few draws, campaigns of the base and rounds: numbers are rough, all else is whole."""
+    """Few draws, campaigns, calibrations and rounds: numbers are rough, all else is whole."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(model_comparison, "DRAWS", 6)
-        patch.setattr(model_comparison, "BASE", 5)
-        patch.setattr(hypothesis_fit, "ROUNDS", 1)
+        patch.setattr(model_comparison, "CAUSE_DRAWS", 4)
+        patch.setattr(model_comparison, "BASE_CAMPAIGNS", 5)
+        patch.setattr(hypothesis_fit, "FIT_ROUNDS", 1)
+        patch.setattr(evidence, "PLAUSIBLE_FITS", 2)
         yield
 
 
-def make_case(folder: Path, kind: str, n_rocks: int, effect: str | None = None) -> Path:
-    effects = () if effect is None else (EffectSpec(effect, "strong"),)
-    write_case(make_world(WorldSpec("quarry", effects, n_rocks, kind), 32), folder, "test")
+def make_case(folder: Path, kind: str, n_rocks: int, effect: str = "") -> Path:
+    """A quarry; an effect acts near its strongest, which is not brought to a size."""
+    world = base_world(WorldSpec("quarry", n_rocks=n_rocks, kind=kind), 32)
+    if effect:
+        placed = place_effect(world, EffectSpec(effect, "strong"), 33)
+        world = with_effect(world, replace(placed, share=0.8))
+    write_case(world, folder, "test")
     return folder
 
 
@@ -84,69 +90,66 @@ def test_all_that_is_promised_is_there(answered: Path) -> None:
         assert (answered / name).is_file(), name
     check_output(answered, overwrite=True)
     found = json.loads((answered / "diagnosis.json").read_text())
-    assert found["verdict"]["effect"] == "fragmentation"
-    assert "fragmentation" in found["verdict"]["confusion_set"]
-    assert found["verdict"]["phase"] == "impact"
-    assert {"none", "contact_law", "fragmentation"} <= {c["effect"] for c in found["which"]}
-    shares = found["verdict"]["probabilities"]
+    verdict, shares = found["verdict"], found["verdict"]["probabilities"]
+    assert verdict["effect"] == found["shrinkage"]["effect"] == "fragmentation"
+    assert "fragmentation" in verdict["confusion_set"]
+    assert (verdict["phase"], verdict["group"]) == ("impact", "extra blocks")
     assert sum(shares.values()) == pytest.approx(1.0, abs=1e-6)
-    families = [c for c in found["which"] if c["effect"] != "contact_law"]
-    assert all(c["probability"] == shares[c["effect"].split("+")[0]] for c in families)
+    which = {c["effect"]: c["probability"] for c in found["which"]}
+    assert {"none", "contact_law", "fragmentation"} <= which.keys()
+    del which["contact_law"]
+    assert all(p == shares[effect.split("+")[0]] for effect, p in which.items())
     own = next(f for f in found["fingerprints"] if f["effect"] == "fragmentation")
     assert own["observable"] and own["p_adjusted"] <= 0.01
-    assert found["verdict"]["group"] == "extra blocks"
     assert found["where"] and found["data"]["rocks"] == 24
-    assert found["shrinkage"]["effect"] == "fragmentation"
 
 
 def test_the_calibrated_configuration_can_be_run(answered: Path) -> None:
     """It has what is recommended: the last rung whose gain over the simpler ones clears zero."""
     settings = load_config(answered / "model" / "config.toml")
     found = json.loads((answered / "diagnosis.json").read_text())
-    rungs = {r["rung"]: r for r in found["ladder"]}
-    clears = [name for name, r in rungs.items() if r["gain"] and r["gain_ci95"][0] > 0.0]
-    recommended = found["advice"]["recommended"]
+    clears = {r["rung"] for r in found["ladder"] if r["gain"] and r["gain_ci95"][0] > 0.0}
+    recommended, why = found["advice"]["recommended"], found["advice"]["why"]
     assert recommended == "configured" or recommended in clears
     # Scatter to the side is no part of the motion on fall lines.
-    named = ("fragmentation",) if recommended == "fragmentation" else ()
-    assert settings.effects.names == named
-    assert ("Keep the configured ground." in found["first_sentence"]) == (
-        recommended == "configured"
-    )
-    assert bool(found["advice"]["why"]) == (recommended != "fragmentation")
-    assert found["advice"]["why"][1:] in found["first_sentence"]
+    assert settings.effects.names == (("fragmentation",) if recommended == "fragmentation" else ())
+    kept = "Keep the configured ground." in found["first_sentence"]
+    assert kept == (recommended == "configured")
+    assert bool(why) == (recommended != "fragmentation") and why[1:] in found["first_sentence"]
 
 
 def test_the_model_that_is_handed_over_is_the_one_scored(everything: Path, answered: Path) -> None:
     """Read back, it lets the rocks go as it did when it was scored, and leaves that distance."""
     kept = json.loads((answered / ENSEMBLE).read_text())
-    scale = Scale(tuple(kept["scale"]["names"]), *(np.array(kept["scale"][k]) for k in AXES))
-    observed = read_case(everything / CONFIG_NAME, everything / OBSERVATIONS_NAME)
-    problem = site_data_of(observed, kept["seed"], scale)
-    for name in ("base", "effect", "configured"):
-        model = model_from_json(kept[name]["model"])
+
+    def problem_of(config: Path) -> SiteData:
+        return site_data_of(read_case(config, everything / OBSERVATIONS_NAME), kept["seed"])
+
+    def distance(problem: SiteData, model: HypothesisModel, name: str) -> float:
         rows = model_rows(problem, model, kept[name]["number"], kept["count"])
-        again = RockDistances.of(problem.rows, rows).value()
-        assert again == pytest.approx(kept[name]["distance"], rel=1e-5)
+        return RockDistances.of(problem.rows, rows).value()
+
+    problem = problem_of(everything / CONFIG_NAME)
+    assert kept["scale"]["names"] == list(problem.scale.names)
+    assert kept["scale"]["scale"] == problem.scale.scale.tolist()
+    models = {name: model_from_json(kept[name]["model"]) for name in MODELS}
+    for name, model in models.items():
+        assert distance(problem, model, name) == pytest.approx(kept[name]["distance"], rel=1e-5)
     # So does the configuration beside it, which has no factor and scatter of the rotations.
-    read = read_case(answered / "model" / "config.toml", everything / OBSERVATIONS_NAME)
-    problem = site_data_of(read, kept["seed"])
-    turning = model_from_json(kept["effect"]["model"]).measurement
+    problem, turning = problem_of(answered / "model" / "config.toml"), models["effect"].measurement
     own = MeasurementError(
         rotation_scale=turning.rotation_scale, rotation_noise=turning.rotation_noise
     )
-    model = replace(configured_model(read), measurement=own)
-    own = model_rows(problem, model, kept["effect"]["number"], kept["count"])
-    again = RockDistances.of(problem.rows, own).value()
-    assert again == pytest.approx(kept["effect"]["distance"], rel=1e-5)
+    model = replace(configured_model(problem.case), measurement=own)
+    assert distance(problem, model, "effect") == pytest.approx(kept["effect"]["distance"], rel=1e-5)
 
 
 def test_the_ladder_and_the_first_sentence_are_there(answered: Path) -> None:
     found = json.loads((answered / "diagnosis.json").read_text())
     rungs = [r["rung"] for r in found["ladder"]]
-    assert rungs[:3] == ["configured", "ground", "contact_law"] and rungs[-1] == "floor"
-    assert rungs[3:-1] == [found["verdict"]["effect"]]
-    assert found["first_sentence"].startswith("As configured: simulated ")
+    effect = found["verdict"]["effect"]
+    assert rungs == ["configured", "ground", "contact_law", effect, "floor"]
+    assert found["first_sentence"].startswith("As configured: ")
     assert found["first_sentence"] in unescape((answered / "report.html").read_text())
     assert {c["quantity"] for c in found["advice"]["consequences"]} == {
         "runout_m (median)", "runout_m (90 %)", "runout_m (width)", "energy_kj (median)",
@@ -183,7 +186,7 @@ def test_draws_that_were_changed_are_made_again(tmp_path: Path) -> None:
 
         def run(due: list[Trial]) -> list[Seen]:
             made.extend(round(10.0 * one.at[0]) for one in due)
-            return [(one.at + one.number, one.at.sum()) for one in due]
+            return [Seen(one.at + one.number, one.at.sum()) for one in due]
 
         seen = store.seen(trials, run=run, step=lambda: None)
         assert all(
@@ -200,26 +203,11 @@ def test_draws_that_were_changed_are_made_again(tmp_path: Path) -> None:
     assert said == [unfit(tmp_path / "one.npz"), unfit(tmp_path / "two.npz")]
 
 
-def rewritten(case: Path, folder: Path, table: str, change: object) -> Path:
-    """A copy of a case with one table changed; ``change`` gets the rows with the header."""
-    shutil.copytree(case, folder)
-    file = folder / OBSERVATIONS_NAME / f"{table}.csv"
-    with file.open(encoding="utf-8") as stream:
-        rows = list(csv.reader(stream))
-    with file.open("w", encoding="utf-8", newline="") as stream:
-        csv.writer(stream).writerows(change(rows))  # type: ignore[operator]
-    return folder
-
-
 @pytest.mark.battery
 def test_little_is_enough_for_an_answer_and_what_is_not_read_is_warned_of(tmp_path: Path) -> None:
     """15 rocks at stations; a column that is not known, and a key of a former version."""
-
-    def more(rows: list[list[str]]) -> list[list[str]]:
-        return [[*rows[0], "speed_kmh"], *([*row, "1"] for row in rows[1:])]
-
-    made = make_case(tmp_path / "made", "stations", 15)
-    case = rewritten(made, tmp_path / "case", "passages", more)
+    case = make_case(tmp_path / "case", "stations", 15)
+    rewrite(case, "passages", lambda rows: [row | {"speed_kmh": "1"} for row in rows])
     with (case / CONFIG_NAME).open("a", encoding="utf-8") as file:
         file.write('\n[hazard]\nblocks = "auto"\nuncertain_share_max = 0.3\n')
     found = run(case, tmp_path / "out")
@@ -228,11 +216,13 @@ def test_little_is_enough_for_an_answer_and_what_is_not_read_is_warned_of(tmp_pa
     assert any("passages.speed_kmh: column is not known" in line for line in found.warnings)
     assert "hazard.uncertain_share_max" in found.warnings[0]
     assert "changed_share_max" in found.warnings[0]
-    manifest = json.loads((tmp_path / "out/manifest.json").read_text())
+    manifest, told = (
+        json.loads((tmp_path / "out" / name).read_text())
+        for name in ("manifest.json", "diagnosis.json")
+    )
     assert manifest["warnings"][0] == found.warnings[0]
-    assert "changed_share_max" in (tmp_path / "out/report.html").read_text()
-    told = json.loads((tmp_path / "out/diagnosis.json").read_text())
     assert told["data"]["warnings"] == list(found.warnings)
+    assert "changed_share_max" in (tmp_path / "out/report.html").read_text()
 
 
 @pytest.mark.battery
@@ -244,26 +234,29 @@ def test_stops_alone_are_enough_for_an_answer(tmp_path: Path) -> None:
     assert any("15 rocks" in line for line in found.not_identifiable)
 
 
-def changed(case: Path, folder: Path, **changes: Callable[[dict[str, str], int], None]) -> Path:
-    """A copy of a case with rows changed; ``change`` gets a row and its number."""
-    for i, (table, change) in enumerate(changes.items()):
+Rows = list[dict[str, str]]
 
-        def rewrite(rows: list[list[str]], change: object = change) -> list[list[str]]:
-            records = [dict(zip(rows[0], r, strict=True)) for r in rows[1:]]
-            for k, record in enumerate(records):
-                change(record, k)  # type: ignore[operator]
-            return [list(records[0]), *(list(r.values()) for r in records)]
 
-        case = rewritten(case, folder / str(i), table, rewrite)
-    return case
+def rewrite(case: Path, table: str, change: Callable[[Rows], Rows]) -> None:
+    """Change the rows of a table of a case."""
+    file = case / OBSERVATIONS_NAME / f"{table}.csv"
+    with file.open(encoding="utf-8") as stream:
+        rows = list(csv.DictReader(stream))
+    with file.open("w", encoding="utf-8", newline="") as stream:
+        changed = change(rows)
+        writer = csv.DictWriter(stream, list((changed or rows)[0]))
+        writer.writeheader()
+        writer.writerows(changed)
 
 
 @pytest.mark.battery
 def test_rocks_in_two_groups_are_answered_with_a_warning(everything: Path, tmp_path: Path) -> None:
-    def grouped(row: dict[str, str], k: int) -> None:
-        row["group"] = "monday" if k % 3 else "tuesday"
+    def grouped(rows: Rows) -> Rows:
+        days = ("tuesday", "monday", "monday")
+        return [row | {"group": days[k % 3]} for k, row in enumerate(rows)]
 
-    case = changed(everything, tmp_path / "case", rocks=grouped)
+    case = Path(shutil.copytree(everything, tmp_path / "case"))
+    rewrite(case, "rocks", grouped)
     read = read_case(case / CONFIG_NAME, case / OBSERVATIONS_NAME)
     assert sorted(np.bincount(read.group).tolist()) == [8, 16]
     assert np.bincount(site_data_of(read, 1).part).tolist() in ([8, 16], [16, 8])
@@ -277,30 +270,25 @@ def test_rocks_in_two_groups_are_answered_with_a_warning(everything: Path, tmp_p
 def test_poor_observations_are_answered_or_refused_in_one_line(
     everything: Path, tmp_path: Path
 ) -> None:
-    def light(row: dict[str, str], _k: int) -> None:
-        row["mass_kg"] = ""
-
-    without_mass = dict.fromkeys(("rocks", "passages", "deposits", "impacts"), light)
-
-    def exact(row: dict[str, str], _k: int) -> None:
-        if "error" in row["key"]:
-            row["value"] = "0"
-
-    def one_station(rows: list[list[str]]) -> list[list[str]]:
-        return rows[:2]
-
-    poor = changed(everything, tmp_path / "poor", **without_mass, metadata=exact)
-    poor = rewritten(poor, tmp_path / "station", "stations", one_station)
+    poor, few, bare = (
+        Path(shutil.copytree(everything, tmp_path / name)) for name in ("poor", "few", "bare")
+    )
+    # No masses, exact instruments, one station.
+    for table in ("rocks", "passages", "deposits", "impacts"):
+        rewrite(poor, table, lambda rows: [row | {"mass_kg": ""} for row in rows])
+    rewrite(
+        poor, "metadata", lambda rows: [r | {"value": "0"} for r in rows if "error" in r["key"]]
+    )
+    rewrite(poor, "stations", lambda rows: rows[:1])
     found = run(poor, tmp_path / "out")
     assert found.rocks == 24 and found.ladder
-    few = rewritten(everything, tmp_path / "few", "rocks", lambda rows: rows[:4])
+    rewrite(few, "rocks", lambda rows: rows[:3])
     with pytest.raises(InputError, match="too few rocks") as caught:
         run(few, tmp_path / "out3")
     assert "\n" not in str(caught.value)
     assert not (tmp_path / "out3").exists()
-    bare = everything
     for table in ("passages", "deposits", "impacts"):
-        bare = rewritten(bare, tmp_path / f"without_{table}", table, lambda rows: rows[:1])
+        rewrite(bare, table, lambda _rows: [])
     with pytest.raises(InputError, match="nothing to compare simulations with"):
         run(bare, tmp_path / "out4")
 

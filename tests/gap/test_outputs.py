@@ -51,10 +51,9 @@ from sassgis.gap.words import (
     place_words,
     quantity_name,
     significance,
-    with_unit_in_brackets,
 )
 from sassgis.grid import Grid
-from sassgis.inputs.config import FILE_KEYS, load_config
+from sassgis.inputs.config import load_config
 from sassgis.outputs.gap_files import write_config_back, write_diagnosis_json, write_gap_gpkg
 from sassgis.outputs.layers.gap_map import stand_polygon
 from sassgis.report import gap_report
@@ -284,27 +283,19 @@ def test_layers_bring_their_styles(written: Path) -> None:
     assert facts["effect"] == "trees" and facts["confusion_set"] == "trees, soft_ground"
 
 
-def test_stops_tell_what_they_are(case: Case, written: Path) -> None:
-    stops = gpd.read_file(written / "gap.gpkg", layer="stops")
+def test_stops_impacts_and_stations_tell_what_was_seen(case: Case, written: Path) -> None:
+    stops, impacts, stations = (
+        gpd.read_file(written / "gap.gpkg", layer=name) for name in ("stops", "impacts", "stations")
+    )
     assert stops.kind.value_counts().to_dict() == {"rock": 39, "piece": 1, "unattributed": 1}
     assert stops[stops.kind == "piece"].rock.tolist() == ["R0"]
     runout = next(c for c in with_trees(case).comparisons if c.quantity == "runout_m")
     expected = stops.runout_m - np.mean(runout.base)
     assert np.allclose(stops.residual_m, expected, atol=0.02)
-
-
-def test_impacts_tell_the_energy_kept(written: Path) -> None:
-    impacts = gpd.read_file(written / "gap.gpkg", layer="impacts")
-    assert len(impacts) == 20
     before = math.hypot(10.0, 5.0)
-    assert np.allclose(impacts.speed_in_mps, before, atol=1e-3)
+    assert len(impacts) == 20 and np.allclose(impacts.speed_in_mps, before, atol=1e-3)
     assert np.allclose(impacts.energy_kept, (impacts.speed_out_mps / before) ** 2, atol=1e-3)
-
-
-def test_stations_count_the_rocks_that_were_seen(written: Path) -> None:
-    stations = gpd.read_file(written / "gap.gpkg", layer="stations")
-    assert stations.name.tolist() == ["S1", "S2"]
-    assert stations.rocks.tolist() == [40, 40]
+    assert stations.name.tolist() == ["S1", "S2"] and stations.rocks.tolist() == [40, 40]
     assert stations.chainage_m.tolist() == [pytest.approx(80, abs=1), pytest.approx(170, abs=1)]
 
 
@@ -316,7 +307,7 @@ def test_the_gpkg_is_not_overwritten(case: Case, written: Path) -> None:
 def test_reaches_of_a_line_end_at_its_own_crossings(case: Case) -> None:
     line = used_lines(case)[3]
     low, high = limits_on(case, finding("S1-S2", "flight", "speed_mps", -1.0), line)
-    assert (low, high) == tuple(case.stations.s[line])
+    assert (low, high) == tuple(case.stations[line])
     part = line_stretch(case.traces, line, low, high)
     length = np.hypot(*np.diff(part, axis=0).T).sum()
     assert length == pytest.approx(high - low, rel=1e-6)
@@ -356,13 +347,6 @@ def test_the_stand_lies_between_its_chainages(case: Case, written: Path) -> None
         assert not under[(s < 85) | (s > 165)].any()
 
 
-def test_neighbouring_lines_share_one_stand(case: Case) -> None:
-    area = stand_polygon(case, (90.0, 160.0))
-    assert len(area.geoms) == 1
-    assert area.bounds[3] - area.bounds[1] == pytest.approx(70.0, abs=3.0)
-    assert stand_polygon(case, (1e5, 2e5)).is_empty
-
-
 def test_a_stand_joins_lines_that_lie_apart(case: Case) -> None:
     order = np.argsort([line_stretch(case.traces, i, 50.0, 60.0)[0, 0] for i in used_lines(case)])
     ends = np.array(used_lines(case))[order[[0, -1]]]
@@ -371,7 +355,9 @@ def test_a_stand_joins_lines_that_lie_apart(case: Case) -> None:
     assert parts[0].distance(parts[1]) > 15.0
     area = stand_polygon(apart, (90.0, 160.0))
     assert len(area.geoms) == 1
+    assert area.bounds[3] - area.bounds[1] == pytest.approx(70.0, abs=3.0)
     assert all(area.buffer(0.01).contains(p) for p in parts)
+    assert stand_polygon(case, (1e5, 2e5)).is_empty
 
 
 def test_paths_hold_in_the_new_place(slope: Grid, tmp_path: Path) -> None:
@@ -407,19 +393,6 @@ def test_paths_hold_in_the_new_place(slope: Grid, tmp_path: Path) -> None:
     assert after.dem_source.is_file()
     assert not Path(tomllib.loads(new.read_text())["terrain"]["dem"]).is_absolute()
     assert Path(str(after.ground.classes)).resolve() == new.parent / "ground_classes.csv"
-
-
-def test_every_key_that_names_a_file_is_known() -> None:
-    alone = ("release", "stations", "barriers", "profile", "objects", "edits")
-    assert {name: set(keys) for name, keys in FILE_KEYS.items() if keys} == {
-        "terrain": {"dem"},
-        "ground": {"file", "classes", "ranges"},
-        **{name: {"file"} for name in alone},
-        "effects.trees": {"file", "single_trees", "stems_raster", "dbh_raster"},
-        "hazard": {"frequencies"},
-        "risk": {"vulnerability"},
-        "project": {"base_map"},
-    }
 
 
 def test_the_user_keeps_a_forest_of_their_own(slope: Grid, tmp_path: Path) -> None:
@@ -544,27 +517,20 @@ def test_what_is_named_and_not_recommended_is_said_apart(made: Made, tmp_path: P
 
 
 @pytest.mark.parametrize(
-    ("place", "words"),
+    ("name", "words"),
     [
         ("S3", "at S3"), ("S2-S3", "between S2 and S3"), ("release-S1", "above S1"),
         ("S4-end", "below S4"), ("release-end", "from the release to the stop"),
         ("all", "on the whole slope"), ("ground:soft_meadow", "on soft meadow"),
-        ("A-1-B-2", "on the stretch A-1-B-2"),
+        ("A-1-B-2", "on the stretch A-1-B-2"), ("height_m", "passing height"),
+        ("peak_energy_kj", "peak energy"), ("odd", "odd"), ("stop runout", "run-out"),
+        ("runout_m_spread", "scatter of run-out about the prediction"),
+        ("stop aside", "lateral offset of stops"),
     ],
 )  # fmt: skip
-def test_places_in_words(place: str, words: str) -> None:
-    assert place_words(place) == words
-
-
-def test_quantities_in_words() -> None:
-    assert quantity_name("height_m") == "passing height"
-    assert quantity_name("peak_energy_kj") == "peak energy"
-    assert quantity_name("odd") == "odd"
-    assert quantity_name("runout_m_spread") == "scatter of run-out about the prediction"
-    assert quantity_name("stop runout") == "run-out"
-    assert quantity_name("stop aside") == "lateral offset of stops"
-    assert with_unit_in_brackets("speed", "m/s") == "speed (m/s)"
-    assert with_unit_in_brackets("share", "1") == "share"
+def test_places_and_quantities_in_words(name: str, words: str) -> None:
+    place = words.startswith(("at ", "between", "above", "below", "from", "on "))
+    assert (place_words if place else quantity_name)(name) == words
 
 
 def test_all_that_is_compared_has_a_name(few_case: Case) -> None:
@@ -590,24 +556,22 @@ def test_significance_has_two_levels() -> None:
     assert significance(replace(sure, p_adjusted=0.051, q_value=0.06)) == "open"
 
 
-def test_the_answer_comes_first_with_its_uncertainty(made: Made, written: Path) -> None:
+def test_the_answer_comes_first_with_its_uncertainty(written: Path) -> None:
     words = words_of(written / "report.html")
-    places = [
-        words.index(text)
-        for text in (
-            "As configured: simulated blocks stop 21 m too far.",
-            "The gap is best explained by trees that take energy from passing rocks.",
-            "Confidence 71 %.",
-            "These data do not separate it from: soft ground.",
-            "Speeds of rocks of different mass in the stand.",
-            "3 of 11 comparisons are significant after adjustment for their number",
-            "Speed at S2",
-            "closes 74 % of the gap beyond chance (95 % interval 60 % to 85 %)",
-            "No turns in plan",
-            "Figure 2.",
-            "Table 1.",
-        )
-    ]
+    told = (
+        "As configured: simulated blocks stop 21 m too far.",
+        "The gap is best explained by trees that take energy from passing rocks.",
+        "Confidence 71 %.",
+        "These data do not separate it from: soft ground.",
+        "Speeds of rocks of different mass in the stand.",
+        "3 of 11 comparisons are significant after adjustment for their number",
+        "Speed at S2",
+        "closes 74 % of the gap beyond chance (95 % interval 60 % to 85 %)",
+        "No turns in plan",
+        "Figure 2.",
+        "Table 1.",
+    )
+    places = [words.index(text) for text in told]
     assert places == sorted(places)
     page = (written / "report.html").read_text()
     assert "http" not in re.sub(r"data:image/png;base64,[^\"]+", "", page).replace("http-equiv", "")
@@ -772,14 +736,14 @@ def test_the_band_holds_samples_of_the_base_model() -> None:
     assert (inside >= 0.94).all()
 
 
-def test_effect_is_left_out_where_none_is_named(few_case: Case) -> None:
+def test_what_was_not_observed_or_not_named_is_not_drawn(few_case: Case) -> None:
     figure = figures.gap_distributions_figure(unnamed(few_case, "none").comparisons)
     assert not find(figure, "effect") and "→" not in texts(figure)
-
-
-def test_unobserved_quantities_are_empty_panels(few_case: Case) -> None:
     comparison = replace(with_trees(few_case).comparisons[0], observed=(math.nan,))
     assert "not observed" in texts(figures.gap_distributions_figure([comparison]))
+    lone = Hypothesis("none", "", 1.0, 0.0, (math.nan, math.nan), math.nan)
+    figure = figures.gap_hypotheses_figure([lone], verdict="none")
+    assert not find(figure, "interval") and len(find(figure, "gain")) == 1
 
 
 def test_hypotheses_show_what_is_confused(case: Case) -> None:
@@ -794,12 +758,6 @@ def test_hypotheses_show_what_is_confused(case: Case) -> None:
     assert len(colours) == 3
     assert named.get_width() == 0.71
     assert "71 %" in texts(figure) and "< 1 %" in texts(figure)
-
-
-def test_hypotheses_without_intervals_are_drawn() -> None:
-    lone = Hypothesis("none", "", 1.0, 0.0, (math.nan, math.nan), math.nan)
-    figure = figures.gap_hypotheses_figure([lone], verdict="none")
-    assert not find(figure, "interval") and len(find(figure, "gain")) == 1
 
 
 def test_names_of_two_causes_lie_on_the_page() -> None:
@@ -840,12 +798,9 @@ def test_map_without_a_gap_has_no_colours(case: Case) -> None:
     figure = map_figure(case.grid, lines, stretches, stations, "", "")
     assert "Colour:" not in texts(figure)
     assert [a.get_label() for a in figure.axes] == ["map"]
-
-
-def test_a_station_alone_can_be_drawn(slope: Grid) -> None:
+    # A station alone can be drawn.
     line = np.array([[2_700_050.0, 1_149_900.0], [2_700_150.0, 1_149_900.0]])
-    figure = map_figure(slope, [], [], {"S1": GapStretch(line, 0.0)})
-    assert "S1" in texts(figure)
+    assert "S1" in texts(map_figure(case.grid, [], [], {"S1": GapStretch(line, 0.0)}))
 
 
 # --- the change of the map -------------------------------------------------------------------

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from functools import cache
 from typing import Any, Literal
 
 import numpy as np
@@ -122,6 +123,7 @@ def slope() -> tuple[Grid, np.ndarray]:
     return grid, np.repeat(kind[:, None], columns, axis=1)
 
 
+@cache
 def observed(
     n_rocks: int,
     seed: int,

@@ -224,7 +224,7 @@ def test_calibration_error_by_hand() -> None:
     stated = [(0.9, True), (0.9, True), (0.9, False), (0.9, False), (0.25, True), (0.25, False)]
     truths = [truth(str(k), "none") for k in range(6)]
     answers = [said(str(k), "none" if ok else "trees", c) for k, (c, ok) in enumerate(stated)]
-    numbers = score(truths, answers).figures.numbers
+    numbers = score(truths, answers).numbers
     assert numbers["calibration_error"] == pytest.approx((4 * 0.4 + 2 * 0.25) / 6)
     # By chance: E|share - p| of 4 draws of p = 0.9, and of 2 of p = 0.25, by the binomial laws.
     four = sum(math.comb(4, k) * 0.9**k * 0.1 ** (4 - k) * abs(k / 4 - 0.9) for k in range(5))
@@ -243,7 +243,7 @@ def test_what_could_not_be_seen_is_not_asked_for_and_sets_are_counted() -> None:
     scores = score(truths, answers)
     found = [scores.measures[key] for key in ("family_full", "family_full_all")]
     assert [(own.hits, own.trials) for own in found] == [(1, 1), (1, 2)]
-    numbers = scores.figures.numbers
+    numbers = scores.numbers
     assert (numbers["set_size_everything"], numbers["set_size_otherwise"]) == (1.5, 4.0)
     assert scores.confusion[ANSWERS.index("trees"), ANSWERS.index("none")] == 1
     plain = scores_as_json(scores)

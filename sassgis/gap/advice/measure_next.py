@@ -16,6 +16,17 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from sassgis.gap.causes.all_causes import CAUSES
+from sassgis.gap.constants import (
+    DETECTABLE,
+    LEAST_DIFFERENCE,
+    NEAR_STATION,
+    SEPARATION_CAMPAIGNS,
+    SEPARATION_DRAWS,
+    SEPARATION_NUMBER,
+    SEPARATION_ROCKS,
+    SURE_DIFFERENCE,
+    TRIED_STATIONS,
+)
 from sassgis.gap.forward.hypothesis_model import HypothesisModel
 from sassgis.gap.forward.observation_operator import campaigns
 from sassgis.gap.forward.released_rocks import with_stations_at
@@ -27,9 +38,6 @@ from sassgis.gap.residuals.rock_residuals import mean_of_draws, per_rock
 from sassgis.gap.words import effect_name
 from sassgis.grid import FloatArray
 from sassgis.settings.languages import all_of, joined, phrase
-
-#: A gap of this many standard errors is found four times in five at the level of 5 %.
-_DETECTABLE = 1.96 + 0.84
 
 
 @dataclass(frozen=True, slots=True)
@@ -194,25 +202,9 @@ def _sample_size(rocks: int) -> str:
         "{} rocks cannot show gaps of the mean below {} standard deviations, or of a share of "
         "half of the rocks below {} percentage points (power 80 %, level 5 %, one comparison).",
         rocks,
-        f"{_DETECTABLE / math.sqrt(rocks):.2f}",
-        f"{100.0 * min(1.0, _DETECTABLE * 0.5 / math.sqrt(rocks)):.0f}",
+        f"{DETECTABLE / math.sqrt(rocks):.2f}",
+        f"{100.0 * min(1.0, DETECTABLE * 0.5 / math.sqrt(rocks)):.0f}",
     )
-
-
-#: Stations that are tried, as shares of the way to the middle of the stops; the nearest that an
-#: existing one may lie (the same share).
-_PLACES, _NEAR = (0.2, 0.4, 0.6, 0.8), 0.08
-#: Draws of each model, and campaigns of each draw: half of them choose the measurement, the others
-#: count.
-DRAWS, _CAMPAIGNS = 4, 4
-#: Campaigns have numbers from this on, so that they are no others.
-_NUMBER = 900
-#: Standard normal deviates of level and power, together.
-_SURE = 1.96 + 0.84
-#: Difference, in standard deviations of one rock, and in those of the draws of both models, below
-#: which nothing is recommended.
-_LEAST_DIFFERENCE, _LEAST_SURE = 0.2, 2.0
-_LEAST_ROCKS = 5
 
 
 @dataclass(frozen=True, slots=True)
@@ -243,20 +235,19 @@ class Separation:
 def separations(
     case: Case, rock_lines: RockLines, models: Mapping[str, Sequence[HypothesisModel]], seed: int
 ) -> tuple[Separation, ...]:
-    """Find what would best distinguish the first of several calibrated models from the others.
-
-    ``models``: draws that fit alike; the cause that is to be distinguished first.
-    """
+    """Say what would best distinguish the first of some calibrated models from the others."""
     causes = list(models)
     if len(causes) < 2:
         return ()
-    places = _places(case, rock_lines)
+    places = new_places(case, rock_lines)
     seen = {name: _shown(case, rock_lines, models[name], places, seed) for name in causes}
-    first, there = causes[0], _recorded(case)
-    return tuple(_best(first, name, seen[first], seen[name], there) for name in causes[1:])
+    first, there = causes[0], recorded_rocks(case)
+    return tuple(
+        best_measurement(first, name, seen[first], seen[name], there) for name in causes[1:]
+    )
 
 
-def _recorded(case: Case) -> dict[str, int]:
+def recorded_rocks(case: Case) -> dict[str, int]:
     """Return rocks of which impacts and stops were recorded, by what they show in words."""
     # Stations that are tried are new ones.
     seen = replace(observed_campaign(case), passages=None)
@@ -287,7 +278,7 @@ def tables_to_add(case: Case, causes: Sequence[str]) -> tuple[str, ...]:
     )
 
 
-def _places(case: Case, rock_lines: RockLines) -> FloatArray:
+def new_places(case: Case, rock_lines: RockLines) -> FloatArray:
     """Return chainages of stations at which nothing was measured yet (m)."""
     stops = case.projected["deposits"].s if "deposits" in case.projected else np.empty(0)
     known = stops[np.isfinite(stops)]
@@ -297,8 +288,8 @@ def _places(case: Case, rock_lines: RockLines) -> FloatArray:
     way = float(np.median(known)) if known.size else 0.7 * length
     used = case.station_names and len(case.observations.passages)
     there = np.nanmedian(case.station_s, axis=0) if used else np.empty(0)
-    places = [p * way for p in _PLACES]
-    return np.array([s for s in places if not (np.abs(there - s) < _NEAR * way).any()])
+    places = [p * way for p in TRIED_STATIONS]
+    return np.array([s for s in places if not (np.abs(there - s) < NEAR_STATION * way).any()])
 
 
 def _shown(
@@ -312,17 +303,17 @@ def _shown(
     there = with_stations_at(case, places)
     names = [phrase("{} along the fall line", name) for name in there.station_names]
     lines = replace(rock_lines, control_lines=control_lines_of(there))
-    chosen = [models[k % len(models)] for k in range(DRAWS)]
+    chosen = [models[k % len(models)] for k in range(SEPARATION_DRAWS)]
     made = [
         sample
         for k, model in enumerate(chosen)
         for sample in campaigns(
             there, lines, model,
-            count=_CAMPAIGNS, seed=seed, number=_NUMBER + k, everywhere=True,
+            count=SEPARATION_CAMPAIGNS, seed=seed, number=SEPARATION_NUMBER + k, everywhere=True,
         )
     ]  # fmt: skip
     rows = [dict(_quantities(sample, names)) for sample in made]
-    shape = DRAWS, _CAMPAIGNS, case.n_rocks
+    shape = SEPARATION_DRAWS, SEPARATION_CAMPAIGNS, case.n_rocks
     return {what: np.stack([row[what] for row in rows]).reshape(shape) for what in rows[0]}
 
 
@@ -363,51 +354,43 @@ def _impacts(hit: ImpactRows, n: int) -> Iterator[tuple[str, FloatArray]]:
     yield "the turn of the path at impacts", per_rock(np.abs(hit.turn_deg), hit.rock, n)
 
 
-def _best(
+def best_measurement(
     one: str,
     other: str,
     first: Mapping[str, FloatArray],
     second: Mapping[str, FloatArray],
     recorded: Mapping[str, int],
 ) -> Separation:
-    """Return measurement with the largest difference, counted on campaigns that did not choose it.
-
-    What was recorded of so many rocks already has not distinguished them.
-    """
-    half, sure = _CAMPAIGNS // 2, 0.0
+    """Return what differs most and is not recorded, counted on other campaigns than chose it."""
+    half, sure = SEPARATION_CAMPAIGNS // 2, 0.0
     size = {w: _difference(first[w][:, :half], second[w][:, :half]) for w in first}
     new = [w for w in size if _rocks(size[w]) > recorded.get(w, 0)]
     if new:
         best = max(new, key=lambda w: abs(size[w]))
         sure = _difference(first[best][:, half:], second[best][:, half:])
         sure *= math.copysign(1.0, size[best])
-    if sure < _LEAST_DIFFERENCE:
+    if sure < LEAST_DIFFERENCE:
         return Separation(one, other, "", 0)
-    return Separation(one, other, best, max(math.ceil(_rocks(sure)), _LEAST_ROCKS))
+    return Separation(one, other, best, max(math.ceil(_rocks(sure)), SEPARATION_ROCKS))
 
 
 def _rocks(difference: float) -> float:
     """Return rocks that a difference takes, in standard deviations of one."""
-    return (_SURE / difference) ** 2 if difference else math.inf
+    return (DETECTABLE / difference) ** 2 if difference else math.inf
 
 
 def _difference(one: FloatArray, other: FloatArray) -> float:
-    """Return the mean difference of a rock in two models over its scatter.
-
-    It is less where few rocks show it.
-
-    0 where the draws of the models differ by as much: more rocks do not help then.
-    """
+    """Return the mean difference of a rock in two models over its scatter; 0 if draws differ so."""
     seen = float(min(np.isfinite(one).mean(), np.isfinite(other).mean()))
     # Of each rock in each draw, shape (DRAWS, n_rocks).
     means = [mean_of_draws(np.moveaxis(v, 1, -1), least=1) for v in (one, other)]
     apart = mean_of_draws(means[0].T, least=1) - mean_of_draws(means[1].T, least=1)
     both = np.isfinite(apart)
-    if both.sum() < _LEAST_ROCKS:
+    if both.sum() < SEPARATION_ROCKS:
         return 0.0
     delta = float(apart[both].mean())
     common = math.hypot(*(float(_of_draws(m[:, both]).std(ddof=1)) for m in means))
-    if abs(delta) < _LEAST_SURE * common:
+    if abs(delta) < SURE_DIFFERENCE * common:
         return 0.0
     off = [(v - m[:, None, :])[..., both].ravel() for v, m in zip((one, other), means, strict=True)]
     n = one.shape[1]

@@ -8,9 +8,10 @@ from typing import Any
 import numpy as np
 
 from sassgis.gap.causes.all_causes import CAUSES
+from sassgis.gap.constants import GAP_ROCKS, GAP_SAMPLES, GROUND_WIDTHS, RELEVANT_GAPS
 from sassgis.gap.diagnosis import Advice, GroundSetting, ModelGap, Range, Rung
 from sassgis.gap.fit.distances import bootstrap_rows, quantiles_of
-from sassgis.gap.fit.hypothesis_fit import GROUND_WIDTHS, FittedHypothesis
+from sassgis.gap.fit.hypothesis_fit import FittedHypothesis
 from sassgis.gap.fit.site_data import Scale, SiteData
 from sassgis.gap.observations.case import Case
 from sassgis.gap.words import (
@@ -23,14 +24,6 @@ from sassgis.gap.words import (
 )
 from sassgis.grid import BoolArray, FloatArray, IntArray
 from sassgis.settings.languages import Phrase, all_of, capital, joined, named, phrase
-
-#: Share of what was observed from which a gap is relevant; of a width, of the 90 % run-out; of the
-#: rocks that arrive, of all rocks.
-RELEVANT: Mapping[str, float] = {
-    "runout_m": 0.05, "energy_kj": 0.15, "speed_mps": 0.07, "arrived": 0.1
-}  # fmt: skip
-#: Bootstrap samples, and rocks that must be known.
-_SAMPLES, _FEWEST = 999, 3
 
 
 def values_of(scale: Scale, rows: FloatArray, column: int) -> FloatArray:
@@ -45,18 +38,15 @@ def model_gaps(
     problem: SiteData,
     rows: FloatArray,
     left: float = 0.0,
-    scales: tuple[float, float] = (1.0, 1.0),
+    *,
+    observed_scale: float = 1.0,
+    model_scale: float = 1.0,
 ) -> tuple[ModelGap, ...]:
     """Compute how far a model is off: run-out, energy or else speed, arrivals at stations.
 
-    Parameters
-    ----------
-    rows : float64, shape (m, n_rocks, p)
-        Of rocks in the model.
-    left : float
-        Share of the rocks that leave the terrain in the model, and may come farther.
-    scales : (float, float)
-        Speeds over the true ones, of the observations and of the rows.
+    ``rows``: of rocks in the model, shape (m, n_rocks, p); ``left``: share of the rocks that leave
+    the terrain in it, and may come farther; scales: speeds over the true ones, of the
+    observations and of the rows.
     """
     names, scale = problem.scale.names, problem.scale
     mass = problem.case.mass_kg
@@ -70,17 +60,17 @@ def model_gaps(
         if what == "speed":
             place = problem.case.station_names[int(place[1:])]
             quantity, unit = "speed_mps", "m/s"
-            seen, made = seen / scales[0], made / scales[1]
+            seen, made = seen / observed_scale, made / model_scale
             found.append(_arrivals(problem, place, column, np.isfinite(seen), np.isfinite(made)))
             if np.isfinite(mass[np.isfinite(seen)]).all():
                 seen, made = 0.5e-3 * mass * seen**2, 0.5e-3 * mass * made**2
                 quantity, unit = "energy_kj", "kJ"
         known = np.flatnonzero(np.isfinite(seen) & np.isfinite(made).any(axis=0))
-        if known.size < _FEWEST:
+        if known.size < GAP_ROCKS:
             continue
         rng = np.random.default_rng([problem.seed, 57, column])
         compared = _compared(seen[known], made[:, known], problem.unit[known], rng)
-        least = RELEVANT[quantity]
+        least = RELEVANT_GAPS[quantity]
         for statistic in compared if what == "runout" else ("median", "90 %"):
             observed, predicted, (low, high) = compared[statistic]
             side = "unsafe" if low > 0.0 else "safe" if high < 0.0 else ""
@@ -89,8 +79,9 @@ def model_gaps(
             limit = least * (compared["90 %"][0] if statistic == "width" else observed)
             found.append(
                 ModelGap(
-                    place, quantity, statistic, unit, observed, predicted, observed - predicted,
-                    (low, high), abs(limit), known.size, side,
+                    place=place, quantity=quantity, statistic=statistic, unit=unit,
+                    observed=observed, predicted=predicted, gap=observed - predicted,
+                    ci95=(low, high), limit=abs(limit), rocks=known.size, side=side,
                 )
             )  # fmt: skip
     # Run-out first, arrivals last.
@@ -100,18 +91,15 @@ def model_gaps(
 def _arrivals(
     problem: SiteData, place: str, column: int, seen: BoolArray, made: BoolArray
 ) -> ModelGap:
-    """Compute the surplus of rocks at a station over the model's (% of the rocks).
-
-    Fewer say nothing: a station may miss rocks. ``seen``: recorded there, shape (n_rocks,);
-    ``made``: the same of campaigns of the model, shape (m, n_rocks).
-    """
+    """Compute the surplus of rocks seen at a station over the model's (%); fewer say nothing."""
     more = 100.0 * (seen - made.mean(axis=0))
     rng = np.random.default_rng([problem.seed, 58, column])
     low, high = _interval(lambda rows: more[rows].mean(), problem.unit, rng).tolist()
     return ModelGap(
-        place, "arrived", "mean", "%", 100.0 * float(seen.mean()), 100.0 * float(made.mean()),
-        float(more.mean()), (low, high), 100.0 * RELEVANT["arrived"], seen.size,
-        "unsafe" if low > 0.0 else "",
+        place=place, quantity="arrived", statistic="mean", unit="%",
+        observed=100.0 * float(seen.mean()), predicted=100.0 * float(made.mean()),
+        gap=float(more.mean()), ci95=(low, high), limit=100.0 * RELEVANT_GAPS["arrived"],
+        rocks=seen.size, side="unsafe" if low > 0.0 else "",
     )  # fmt: skip
 
 
@@ -142,13 +130,10 @@ def _compared(
 def _interval(
     statistic: Callable[[IntArray], Any], group: IntArray, rng: np.random.Generator
 ) -> FloatArray:
-    """Return 95 % interval of a statistic of rows of rocks, shape (2, ...); NaN of a single group.
-
-    Groups of rocks are drawn anew; the statistic takes the rows of those that are drawn.
-    """
+    """Return 95 % limits of a statistic of rows, groups drawn anew, (2, ...); NaN of one group."""
     if np.unique(group).size == 1:
         return np.full((2, *np.shape(statistic(np.arange(group.size)))), np.nan)
-    samples = [statistic(rows) for rows in bootstrap_rows(group, _SAMPLES, rng)]
+    samples = [statistic(rows) for rows in bootstrap_rows(group, GAP_SAMPLES, rng)]
     return np.asarray(np.quantile(samples, (0.025, 0.975), axis=0))
 
 
@@ -184,10 +169,7 @@ def settings_of(
 
 
 def wrong_ground(case: Case, intervals: Mapping[str, Range]) -> tuple[str, ...]:
-    """Return classes of which a parameter certainly lies outside its usual range.
-
-    ``intervals``: of parameters of the base with a free contact.
-    """
+    """Return classes of which a parameter of the base with a free contact is certainly unusual."""
     found = []
     for label, (low, high) in intervals.items():
         ground, _, name = label.rpartition(".")
@@ -204,10 +186,7 @@ def wrong_ground(case: Case, intervals: Mapping[str, Range]) -> tuple[str, ...]:
 
 
 def first_sentence(advice: Advice, ladder: Sequence[Rung], effect: str = "") -> str:
-    """State how far the configured model is off, to which side, what to set and what remains.
-
-    ``effect``: what the diagnosis names.
-    """
+    """State how far the configured model is off, to which side, what to set and what remains."""
     gap = advice.configured
     if gap is None:
         return "No stops and no speeds were observed. The error of the model is unknown."

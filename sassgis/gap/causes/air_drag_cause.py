@@ -10,8 +10,6 @@ from scipy.optimize import nnls
 
 from sassgis.engine.effects.air_drag import AirDrag
 from sassgis.gap.causes.cause import (
-    LEAST,
-    MISSTATED,
     Cause,
     CausePart,
     Fit,
@@ -23,22 +21,24 @@ from sassgis.gap.causes.cause import (
     loss_of_flights,
     part_of,
 )
+from sassgis.gap.constants import (
+    AIR_KGM3,
+    CONTACT_LASTS_S,
+    DENSITY_KGM3,
+    DRAG_ASIDE,
+    FINGERPRINT_ROCKS,
+    FREE_FLIGHT_SHARE,
+    LEAST_DRAG,
+    LEAST_DRAG_IN_TIME,
+    MISSTATED_SHARE,
+    MOST_DRAG,
+)
 from sassgis.gap.observations.case import Case
-from sassgis.gap.observations.observed import DENSITY_KGM3
 from sassgis.gap.residuals.residual_table import ResidualTable, StepTable
 from sassgis.gap.residuals.rock_residuals import per_rock
 from sassgis.grid import FloatArray
 
 FIT = Fit({"drag_coefficient": Range(0.3, 2.0, "log")}, {"constant": 1.0, "sphericity": 1.0})
-#: Density of air (kg/m³), and the drag coefficient beyond which it is not air that brakes a rock.
-_AIR_KGM3, MOST_DRAG = 1.2, 2.0
-#: Errors of the comparison itself, as a drag coefficient: what is more than that can be seen; and
-#: the longest contact (s).
-_LEAST_DRAG, _LASTS_S = 0.5, 0.1
-#: The same on flights in time; what may bend them sideways, as a share of what brakes them.
-_LEAST_DRAG_IN_TIME, _ASIDE = 0.2, 0.5
-#: A flight that kept its length to this share was free of anything but air.
-_FREE = 0.15
 
 
 def _draw(case: Case, draws: ParameterDraws) -> CausePart:
@@ -51,17 +51,14 @@ def _pull(case: Case, rows: StepTable) -> FloatArray:
     """Return ρ A/(2 m) of the rock of each row: what air takes for C_d = 1 (1/m)."""
     mass = case.mass_kg[rows.rock]
     usual = 4.0 / 3.0 * np.pi * rows.radius_m**3 * DENSITY_KGM3
-    pull = 0.5 * _AIR_KGM3 * np.pi * rows.radius_m**2
+    pull = 0.5 * AIR_KGM3 * np.pi * rows.radius_m**2
     return np.asarray(pull / np.where(np.isfinite(mass), mass, usual))
 
 
 def _against_the_motion(case: Case, residuals: ResidualTable) -> Scores:
-    """Return level speed lost on flights in time.
-
-    Neither scale nor time base of a film makes it.
-    """
+    """Score level speed lost on flights in time: no scale or time base of a film makes it."""
     rows, across = (residuals.steps.of("air", f"{name}_mps2") for name in ("ahead", "across"))
-    if np.unique(rows.rock).size < 2 * LEAST:
+    if np.unique(rows.rock).size < 2 * FINGERPRINT_ROCKS:
         raise Unseen
     pull = _pull(case, rows) * rows.speed2
     weight = pull / rows.sd**2
@@ -71,24 +68,24 @@ def _against_the_motion(case: Case, residuals: ResidualTable) -> Scores:
     # Rocks of one group share what is not drag; errors of measurement may be smaller than stated.
     group = case.group[rows.rock]
     away = np.bincount(group, weight * (-rows.observed - drag * pull))
-    least = (1.0 - MISSTATED) ** 2 * scale
+    least = (1.0 - MISSTATED_SHARE) ** 2 * scale
     error = math.sqrt(max(float((away**2).sum()), least)) / scale
-    if drag > MOST_DRAG + 2.0 * error or abs(aside) > _ASIDE * max(drag, 0.0) + 3.0 * error:
+    if drag > MOST_DRAG + 2.0 * error or abs(aside) > DRAG_ASIDE * max(drag, 0.0) + 3.0 * error:
         # Wind, or lift of a rock that turns.
         raise Unseen
-    return Scores(np.array([(drag - _LEAST_DRAG_IN_TIME) / error]), drag)
+    return Scores(np.array([(drag - LEAST_DRAG_IN_TIME) / error]), drag)
 
 
 def _on_every_flight(case: Case, residuals: ResidualTable) -> Scores:
-    """Return energy lost on free flights, less what contacts take that last.
+    """Score energy lost on free flights, less what contacts take that last.
 
     A flight is counted from where a contact begins, with the velocity at its end. What gravity
     gives meanwhile looks like a loss, but one that knows no size of the rock.
     """
     rows, _, usual = loss_of_flights(residuals.steps.of("flight", "energy_jpkg"))
-    free = (np.abs(rows.reach - 1.0) < _FREE) & np.isfinite(rows.way_m)
+    free = (np.abs(rows.reach - 1.0) < FREE_FLIGHT_SHARE) & np.isfinite(rows.way_m)
     kept = free & (np.abs(usual - np.median(usual[free] if free.any() else usual)) < 2.5)
-    if kept.sum() < 2 * LEAST:
+    if kept.sum() < 2 * FINGERPRINT_ROCKS:
         raise Unseen
     rows = rows.where(kept)
     speed2 = rows.observed + rows.predicted
@@ -97,13 +94,13 @@ def _on_every_flight(case: Case, residuals: ResidualTable) -> Scores:
     fall = np.maximum(rows.fell_jpkg, 0.0) * np.sqrt(np.maximum(speed2, 0.0))
     fall = fall / (rows.way_m * rows.sd)
     (lasts_s, _), _ = nnls(np.column_stack([fall, pull]), usual[kept])
-    loss = usual[kept] - min(float(lasts_s), _LASTS_S) * fall
+    loss = usual[kept] - min(float(lasts_s), CONTACT_LASTS_S) * fall
     # What goes along with the time of the contacts says nothing of the air.
     weight = pull - fall * (pull @ fall) / (fall @ fall) if lasts_s > 0.0 else pull
     drag = float(weight @ loss) / max(float(weight @ pull), 1e-12)
     if drag > MOST_DRAG:
         raise Unseen
-    return Scores(per_rock(weight * (loss - _LEAST_DRAG * pull), rows.rock, case.n_rocks), drag)
+    return Scores(per_rock(weight * (loss - LEAST_DRAG * pull), rows.rock, case.n_rocks), drag)
 
 
 CAUSE = Cause(

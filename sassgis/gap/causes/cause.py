@@ -17,6 +17,8 @@ import numpy as np
 from scipy.special import ndtri
 
 from sassgis.engine.effects.registry import EFFECTS
+from sassgis.gap.constants import FINGERPRINT_ROCKS, MEDIAN_OF_NORMAL, MISSTATED_SHARE
+from sassgis.gap.diagnosis import Fingerprint
 from sassgis.gap.forward.hypothesis_model import HypothesisModel
 from sassgis.gap.observations.case import Case
 from sassgis.gap.residuals.residual_table import ResidualTable, StepTable
@@ -43,12 +45,8 @@ class Range:
 class ParameterDraws:
     """Where the parameters of a draw come from: a number in [0, 1) under each name.
 
-    Parameters
-    ----------
-    rng : numpy.random.Generator or None
-        For names that are not set; None: these are in the middle.
-    values : mapping, optional
-        Values of an earlier draw: the same names then give the same parameters.
+    Names that are not among ``values``, those of an earlier draw, get one from ``rng``; without it
+    they are in the middle.
     """
 
     def __init__(
@@ -113,21 +111,6 @@ class Fit:
             form = draws.one_of(f"{name}.form", tuple(self.forms), tuple(self.forms.values()))
         keys = self.parameters.get(form, tuple(self.ranges))
         return form, {key: draws.within(f"{name}.{key}", self.ranges[key]) for key in keys}
-
-
-#: A fingerprint rests on at least this many rocks or groups.
-LEAST = 5
-#: Sureness of a gain from which a cause is seen by what it closes. Ten causes are tried at a site:
-#: of those that are absent one of a hundred has this (docs/studies/gap_weights.md).
-SHOWS = 5.0
-#: z from which a fingerprint that no contact could leave is seen by itself.
-PRINTED = 3.0
-#: Stated errors of measurement may be wrong by this share of themselves.
-MISSTATED = 0.5
-#: Shift, in standard deviations, up to which a comparison may be off by itself.
-SHIFT = 0.15
-#: Median of the size of a standard normal number.
-MEDIAN_OF_NORMAL = 0.6745
 
 
 def usual_scatter(values: FloatArray) -> float:
@@ -197,8 +180,8 @@ class Cause:
     closes: bool = True
     #: Reaches in which fitted models have it act: the whole slope, if it says nothing else.
     place: Placing = lambda case, _: case.reaches
-    #: Shares of its parameters that fingerprints measure, z by statistic and value: they stay so.
-    measured: Callable[[Mapping[str, tuple[float, float]]], Mapping[str, float]] = lambda _: {}
+    #: Shares of its parameters that fingerprints measure, by statistic: they stay so.
+    measured: Callable[[Mapping[str, Fingerprint]], Mapping[str, float]] = lambda _: {}
 
     @property
     def of_data(self) -> bool:
@@ -263,10 +246,7 @@ def loose_classes(case: Case, draws: ParameterDraws) -> tuple[str, ...]:
 
 
 def on_its_classes(effect: str) -> Placing:
-    """Return reaches with the classes that most fitted models have an effect on.
-
-    All reaches count if there are no such classes.
-    """
+    """Return reaches with the classes that most fitted models have an effect on; else all."""
 
     def place(case: Case, models: Sequence[HypothesisModel]) -> tuple[str, ...]:
         effects = [model.effects.named(effect) for model in models]
@@ -303,19 +283,11 @@ def reaches_on(case: Case, classes: Sequence[str]) -> tuple[str, ...]:
     return tuple(name for name in case.reaches if name in found)
 
 
-#: Mean turn at a contact (deg), and growth of offsets over the way, that edges of blocks and uneven
-#: ground make anywhere: no separate effect. Published standard deviations are 5 to 20° and 10 to
-#: 20 % of the way (docs/effects.md); rigid bodies of the check turn by 7 to 12°.
-EDGES_TURN_DEG, EDGES_GROWTH = 10.0, 0.15
-#: How far paths leave their fall line by flying straight, where they are still near it (m per m).
-STRAIGHT = 0.02
-
-
 def contact_gaps(residuals: ResidualTable, quantity: str) -> tuple[StepTable, FloatArray]:
     """Return impacts and their z; Unseen where there are few, or few with a normal speed."""
     steps = residuals.steps
     rows = steps.of("impact", quantity)
-    if min(len(rows), len(steps.of("impact", "normal_speed_mps"))) < 4 * LEAST:
+    if min(len(rows), len(steps.of("impact", "normal_speed_mps"))) < 4 * FINGERPRINT_ROCKS:
         raise Unseen
     return rows, np.clip(rows.z, -4.0, 4.0)
 
@@ -330,23 +302,18 @@ def beyond_any_law(rows: StepTable, z: FloatArray) -> FloatArray:
 
 
 def loss_of_flights(rows: StepTable) -> tuple[StepTable, FloatArray, FloatArray]:
-    """Return flights, what they lost (J/kg), and that in standard deviations.
-
-    Raises Unseen if there are few.
-    """
-    if len(rows) < 2 * LEAST:
+    """Return flights, what they lost (J/kg), and that in standard deviations; Unseen if few."""
+    if len(rows) < 2 * FINGERPRINT_ROCKS:
         raise Unseen
     loss = rows.predicted - rows.observed
     return rows, loss, loss / rows.sd
 
 
 def gaps_by_reach(residuals: ResidualTable, quantity: str) -> dict[str, FloatArray]:
-    """Return gaps of a quantity by the name of the reach, shape (n_rocks,) each.
+    """Return gaps of a quantity by the name of the reach, (n_rocks,) each; Unseen without any.
 
-    Raises Unseen without any.
-
-    Reaches where too few rocks have one are left out. Gaps of the speed are relative to what is
-    predicted, so that fast reaches do not outweigh the others.
+    Those of the speed are relative to what is predicted, so that fast reaches do not outweigh
+    others.
     """
     found = {}
     for row in residuals.rows:
@@ -355,7 +322,7 @@ def gaps_by_reach(residuals: ResidualTable, quantity: str) -> dict[str, FloatArr
             if quantity == "speed_mps":
                 with np.errstate(invalid="ignore", divide="ignore"):
                     gap = np.clip(gap / row.predicted, -2.0, 2.0)
-            if np.isfinite(gap).sum() >= LEAST:
+            if np.isfinite(gap).sum() >= FINGERPRINT_ROCKS:
                 found[row.place] = gap
     if not found:
         raise Unseen
@@ -368,10 +335,7 @@ def reach_gaps(residuals: ResidualTable, quantity: str) -> FloatArray:
 
 
 def over_scatter(gaps: FloatArray, least: float) -> FloatArray:
-    """Divide gaps by the scatter of the rocks on each reach, or by ``least`` if that is more.
-
-    Of one reach, shape (n_rocks,), or of several.
-    """
+    """Divide gaps of reaches by the scatter of the rocks there, or by ``least`` if that is more."""
     return np.asarray(gaps / np.maximum(np.nanstd(gaps, axis=0), least))
 
 
@@ -379,8 +343,8 @@ def wrong_on_one(residuals: ResidualTable, sign: float = 0.0) -> dict[str, Float
     """Measure how wrong the speed is on each single reach, in scatters, shape (n_rocks,) each.
 
     Its gap less that on the others, as far as this exceeds what the others are off themselves:
-    where all reaches are wrong no single one is. ``sign`` is that of the gap that is looked for;
-    0: that which the reach has.
+    where all reaches are wrong no single one is. ``sign``: of the gap that is looked for; 0: that
+    of the reach.
     """
     speed = gaps_by_reach(residuals, "speed_mps")
     if len(speed) < 2:
@@ -423,7 +387,7 @@ def station_offsets(case: Case, residuals: ResidualTable, least: int = 2) -> Flo
 def usual_offset(case: Case) -> float:
     """Return the mean size of offsets (m) that errors make, were they larger than stated."""
     error = max(side_error(case), side_error(case, stop=True))
-    return math.sqrt(2.0 / math.pi) * (1.0 + MISSTATED) * error
+    return math.sqrt(2.0 / math.pi) * (1.0 + MISSTATED_SHARE) * error
 
 
 def base_size(draws: FloatArray) -> FloatArray:

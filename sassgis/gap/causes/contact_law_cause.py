@@ -7,30 +7,19 @@ from dataclasses import replace
 import numpy as np
 
 from sassgis.gap.causes.cause import Cause, CausePart, ParameterDraws, rounded
+from sassgis.gap.constants import LAW_BOUNDS, RESTITUTION_SPEED_MPS
 from sassgis.gap.forward.hypothesis_model import HypothesisModel
 from sassgis.gap.observations.case import Case
 from sassgis.settings.ground import GroundTable
-
-#: Those that any ground has shown (``fit.parameters.RANGES``).
-BOUNDS = {
-    "eta_max": (0.05, 1.0),
-    "mu_f": (0.05, 1.5),
-    "restitution": (0.0, 0.95),
-    "mu_0": (0.02, 1.0),
-    "mu_v": (0.0, 0.05),
-}
-
-#: Normal speed at which the restitution of the classes has halved (m/s).
-_HALVED_AT_MPS = 9.144
 
 
 def _draw(case: Case, draws: ParameterDraws) -> CausePart:
     """Return freedom of the contact beyond calibration.
 
     Where contacts were recorded, it is as they have it (``learned_contacts``), and rolling is
-    shifted alike for all classes. Else there is one shift of all parameters, in wide ranges:
-    classes keep the differences between them. The restitution counts only where the engine reads
-    it; from the highest speeds on it hardly falls with the normal speed.
+    shifted alike for all classes. Else all parameters have one shift, in wide ranges: classes keep
+    the differences between them. From the highest speeds on the restitution hardly falls with the
+    normal speed.
     """
     shifts = {"mu_0": draws.uniform("law.mu_0", -0.3, 0.3)}
     values: dict[str, float] = {}
@@ -43,7 +32,7 @@ def _draw(case: Case, draws: ParameterDraws) -> CausePart:
             shifts["restitution"] = draws.uniform("law.restitution", -0.6, 0.6)
             shifts["mu_v"] = draws.uniform("law.mu_v", -0.02, 0.02)
             halved = draws.log("law.restitution_speed", 1.0 / 12.0, 12.0)
-            values["restitution_speed_mps"] = rounded(halved * _HALVED_AT_MPS)
+            values["restitution_speed_mps"] = rounded(halved * RESTITUTION_SPEED_MPS)
     used = np.unique(case.profiles.ground).tolist()
 
     def change(model: HypothesisModel) -> HypothesisModel:
@@ -57,7 +46,7 @@ def _draw(case: Case, draws: ParameterDraws) -> CausePart:
                 for name in ("eta_max", "mu_f", "restitution", "mu_v"):
                     by[name] = float(getattr(learned, name) - getattr(configured, name))
             for name, shift in by.items():
-                low, high = BOUNDS[name]
+                low, high = LAW_BOUNDS[name]
                 value = float(getattr(classes[k], name)) + shift
                 own[name] = rounded(min(max(value, low), high))
             classes[k] = replace(classes[k], **own)

@@ -17,7 +17,6 @@ from numpy.typing import NDArray
 from sassgis.engine.effects.entrainment import Entrainment
 from sassgis.engine.effects.fragmentation import Fragmentation
 from sassgis.gap.causes.cause import (
-    LEAST,
     Cause,
     CausePart,
     Fit,
@@ -33,6 +32,17 @@ from sassgis.gap.causes.cause import (
     rounded,
     usual_scatter,
 )
+from sassgis.gap.constants import (
+    CHIP_SHARE,
+    FEW_LOST_SHARE,
+    FINGERPRINT_ROCKS,
+    KNOWN_ROCKS,
+    LEAST_MASS_ERROR,
+    LEAST_MASS_SHARE,
+    MADE_UP_SHARE,
+    MASS_DRAWS,
+    MISNAMED_CHANCE,
+)
 from sassgis.gap.observations.campaign import errors_of
 from sassgis.gap.observations.case import Case
 from sassgis.gap.observations.observed import deposit_masses_kg
@@ -44,17 +54,6 @@ _MASS_BUDGET = (
     "null is that of the errors of the masses. Rocks that passed the last station whole and lie "
     "nowhere have left"
 )
-#: Least error of a mass, share of the released mass below which nothing is said, and draws of the
-#: errors.
-_LEAST_MASS_ERROR, _LEAST_MASS, _MASS_DRAWS = 0.02, 0.004, 200
-#: Share of the median rock up to which a block is a chip, which says nothing.
-_CHIP = 0.01
-#: Chance that a block bears the name of a rock as its fragment and is none.
-_MISNAMED = 0.005
-#: Share of the rocks that a survey may miss, and whole rocks that show the scatter of masses.
-_FEW_LOST, _KNOWN = 0.1, 10
-#: Share of the rocks that nobody found which must lie in fragments, for these to be theirs.
-_MADE_UP = 0.75
 
 
 def _mass_scores(which: int) -> Scoring:
@@ -64,10 +63,10 @@ def _mass_scores(which: int) -> Scoring:
         blocks, rocks = deposit_masses_kg(case.observations), case.mass_kg
         if not blocks.size or not np.isfinite(rocks).all() or not np.isfinite(blocks).all():
             raise Unseen
-        blocks = blocks[blocks > _CHIP * np.median(rocks)]
+        blocks = blocks[blocks > CHIP_SHARE * np.median(rocks)]
         left, error = _gone(case), _scatter(case)
         unexplained = _unexplained(case, left)
-        many_lost = _has_nameless(case) and unexplained.mean() > _FEW_LOST
+        many_lost = _has_nameless(case) and unexplained.mean() > FEW_LOST_SHARE
         either = many_lost or (which == 1 and _may_be_either(case))
         # What lies next to the others may be in addition as well as theirs. Where it may be either,
         # neither is surer than the other.
@@ -79,27 +78,24 @@ def _mass_scores(which: int) -> Scoring:
 
 
 def _scatter(case: Case) -> float:
-    """Return relative scatter of the mass of a whole rock as it lies about that as it was released.
-
-    As it is seen where rocks lie under their names, else from the stated error of a mass.
-    """
+    """Return the relative scatter of the mass of whole rocks that lie, as seen or as stated."""
     seen = case.observations
     owner, lying = seen.rock_of("deposits"), deposit_masses_kg(seen)
     largest = np.zeros(case.n_rocks)
     own = owner >= 0
     np.maximum.at(largest, owner[own], lying[own])
     whole = largest > 0.5 * case.mass_kg
-    if whole.sum() < _KNOWN:
-        return math.sqrt(2.0) * max(errors_of(case).mass_rel, _LEAST_MASS_ERROR)
-    return max(usual_scatter(np.log(largest[whole] / case.mass_kg[whole])), _LEAST_MASS_ERROR)
+    if whole.sum() < KNOWN_ROCKS:
+        return math.sqrt(2.0) * max(errors_of(case).mass_rel, LEAST_MASS_ERROR)
+    return max(usual_scatter(np.log(largest[whole] / case.mass_kg[whole])), LEAST_MASS_ERROR)
 
 
 def _score(which: int, rocks: FloatArray, blocks: FloatArray, error: float) -> Scores:
     """Return the budget of some rocks and blocks against what the scatter of masses makes of it."""
-    if rocks.size < LEAST:
+    if rocks.size < FINGERPRINT_ROCKS:
         raise Unseen
     rng = np.random.default_rng(1986)
-    drawn = rocks * np.exp(error * rng.standard_normal((_MASS_DRAWS, rocks.size)))
+    drawn = rocks * np.exp(error * rng.standard_normal((MASS_DRAWS, rocks.size)))
     if which == 0:
         # The smallest blocks may be what others have left there.
         others = np.sort(blocks)[: max(blocks.size - rocks.size, 0)]
@@ -107,18 +103,15 @@ def _score(which: int, rocks: FloatArray, blocks: FloatArray, error: float) -> S
     else:
         null = drawn.sum(axis=1) / rocks.sum() - 1.0
     value = mass_budget(rocks, blocks)[which]
-    z = np.clip((value - null.mean()) / max(null.std(), _LEAST_MASS), -12.0, 12.0)
+    z = np.clip((value - null.mean()) / max(null.std(), LEAST_MASS_SHARE), -12.0, 12.0)
     return Scores(np.array([z]), value)
 
 
 def _may_be_either(case: Case) -> bool:
-    """Return whether blocks without a name may as well be fragments of rocks that nobody found.
-
-    All rocks but a few lie under their names, and no fragment bears the name of its rock.
-    """
+    """Return whether nameless blocks may be fragments of the few rocks that nobody found."""
     seen = case.observations
     lost = float(_not_found(case).mean())
-    few_lost = 0.0 < lost <= _FEW_LOST
+    few_lost = 0.0 < lost <= FEW_LOST_SHARE
     return few_lost and _has_nameless(case) and not seen.is_piece("deposits").any()
 
 
@@ -133,15 +126,12 @@ def _not_found(case: Case) -> NDArray[np.bool_]:
 
 
 def _gone(case: Case) -> NDArray[np.bool_]:
-    """Return rocks that passed the last station whole and do not lie.
-
-    They left the surveyed ground.
-    """
+    """Return rocks that passed the last station whole and do not lie: they left the survey."""
     gone = np.zeros(case.n_rocks, bool)
     seen = case.observations
     if not case.station_names or not len(seen.passages):
         return gone
-    tolerance = 3.0 * math.sqrt(2.0) * max(errors_of(case).mass_rel, _LEAST_MASS_ERROR)
+    tolerance = 3.0 * math.sqrt(2.0) * max(errors_of(case).mass_rel, LEAST_MASS_ERROR)
     last = seen.passages.station == case.station_names[-1]
     rock, mass = seen.rock_of("passages")[last], seen.passages.mass_kg[last]
     with np.errstate(invalid="ignore", divide="ignore"):
@@ -162,23 +152,17 @@ def _gone(case: Case) -> NDArray[np.bool_]:
 
 
 def _unexplained(case: Case, left: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """List rocks not found and not known to have left, unless fragments lie for them.
-
-    Where fragments bear the names of their rocks they do; else what has no name must weigh as much.
-    """
+    """Return rocks not found and not known to have left, unless fragments lie for them."""
     seen = case.observations
     owner = seen.rock_of("deposits")
     lost = _not_found(case) & ~left
     nameless = deposit_masses_kg(seen)[owner < 0].sum()
-    made_up = nameless >= _MADE_UP * case.mass_kg[lost].sum()
+    made_up = nameless >= MADE_UP_SHARE * case.mass_kg[lost].sum()
     return np.asarray(lost & ~(made_up | seen.is_piece("deposits").any()), np.bool_)
 
 
 def mass_budget(rocks: FloatArray, blocks: FloatArray) -> tuple[float, float]:
-    """Compute shares of the released mass that are missing, in fragments, and additional.
-
-    ``rocks``, ``blocks``: masses (kg), in any order.
-    """
+    """Return shares of the released mass: missing and in fragments, additional; masses in kg."""
     if blocks.size <= rocks.size:
         return 0.0, 0.0
     n, total = rocks.size, float(rocks.sum())
@@ -224,7 +208,7 @@ def _named_pieces(case: Case, residuals: ResidualTable) -> Scores:
         raise Unseen
     broken = np.zeros(case.n_rocks)
     broken[seen.rock_of("deposits")[seen.is_piece("deposits")]] = 1.0
-    return Scores(broken, float(broken.mean()), np.full(case.n_rocks, _MISNAMED))
+    return Scores(broken, float(broken.mean()), np.full(case.n_rocks, MISNAMED_CHANCE))
 
 
 FRAGMENTATION = Cause(

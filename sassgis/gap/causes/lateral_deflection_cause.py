@@ -10,11 +10,6 @@ import numpy as np
 from sassgis.engine.effects.lateral_deflection import LateralDeflection
 from sassgis.engine.effects.roughness import Roughness
 from sassgis.gap.causes.cause import (
-    EDGES_GROWTH,
-    EDGES_TURN_DEG,
-    LEAST,
-    MISSTATED,
-    STRAIGHT,
     Cause,
     CausePart,
     Fit,
@@ -28,6 +23,13 @@ from sassgis.gap.causes.cause import (
     rounded,
     station_offsets,
     usual_offset,
+)
+from sassgis.gap.constants import (
+    EDGES_GROWTH,
+    EDGES_TURN_DEG,
+    FINGERPRINT_ROCKS,
+    MISSTATED_SHARE,
+    STRAIGHT_GROWTH,
 )
 from sassgis.gap.forward.hypothesis_model import HypothesisModel
 from sassgis.gap.observations.case import Case
@@ -66,19 +68,16 @@ def _draw(case: Case, draws: ParameterDraws) -> CausePart:
 
 def _turn(case: Case, residuals: ResidualTable) -> Scores:
     rows = residuals.steps.of("impact", "turn_deg")
-    if len(rows) < LEAST:
+    if len(rows) < FINGERPRINT_ROCKS:
         raise Unseen
     size = np.abs(rows.observed - rows.predicted)
-    usual = (1.0 + MISSTATED) * rows.sd * math.sqrt(2.0 / math.pi) + 0.5
+    usual = (1.0 + MISSTATED_SHARE) * rows.sd * math.sqrt(2.0 / math.pi) + 0.5
     usual = usual + np.maximum(residuals.run.turn_after(rows.out_mps), EDGES_TURN_DEG)
     return Scores(per_rock(size - usual, rows.rock, case.n_rocks), float(size.mean()))
 
 
 def _growth(case: Case, residuals: ResidualTable) -> Scores:
-    """Return the growth from the first station to the others and the stop beyond the simulated one.
-
-    And beyond what blocks with edges do by themselves.
-    """
+    """Score the growth below the first station beyond the simulated one and that of edges."""
     at = station_offsets(case, residuals, least=1)
     stops = residuals.steps.of("stop", "lateral_m")
     end = np.full((2, case.n_rocks), np.nan)
@@ -93,7 +92,7 @@ def _growth(case: Case, residuals: ResidualTable) -> Scores:
     usual = np.column_stack([base_size(made[:, :, k]) for k in range(made.shape[2])])
     way = np.column_stack([case.station_s[:, 1:], end[1]]) - case.station_s[:, :1]
     if case.terrain is None:
-        usual = usual + STRAIGHT * way
+        usual = usual + STRAIGHT_GROWTH * way
     usual = np.maximum(usual, EDGES_GROWTH * way) + usual_offset(case)
     return Scores(mean_of_draws(growth - usual, least=1), known_mean(growth))
 

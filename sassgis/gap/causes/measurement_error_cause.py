@@ -10,10 +10,6 @@ from itertools import pairwise
 import numpy as np
 
 from sassgis.gap.causes.cause import (
-    LEAST,
-    MISSTATED,
-    PRINTED,
-    STRAIGHT,
     Cause,
     CausePart,
     ParameterDraws,
@@ -27,6 +23,22 @@ from sassgis.gap.causes.cause import (
     station_offsets,
     usual_offset,
 )
+from sassgis.gap.constants import (
+    FAR_ERRORS,
+    FAST_MPS,
+    FINGERPRINT_ROCKS,
+    LOG_SCALE,
+    MADE_UP_PRODUCT,
+    MISSTATED_SHARE,
+    PATH_LAG_S,
+    PRINTED_Z,
+    ROCK_FALL_M,
+    SOON_BELOW_M,
+    STATION_SIDE_S,
+    STRAIGHT_GROWTH,
+    USUAL_SCALE,
+)
+from sassgis.gap.diagnosis import Fingerprint
 from sassgis.gap.forward.hypothesis_model import HypothesisModel, MeasurementError
 from sassgis.gap.observations.campaign import errors_of
 from sassgis.gap.observations.case import Case
@@ -35,20 +47,6 @@ from sassgis.gap.residuals.rock_residuals import mean_of_draws, per_rock
 from sassgis.gap.residuals.stop_residuals import side_error
 from sassgis.grid import FloatArray
 
-#: Time between two points of a path whose distance gives a speed (s), and least speed (m/s).
-_LAG_S, _FAST_MPS = 0.5, 5.0
-#: Time before and after a station within which a path is looked at (s), and least distance there in
-#: errors of a coordinate.
-_NEAR_S, _FAR_ERRORS = 0.15, 8.0
-#: Scale of speeds that is within what instruments state, and least fall on the flights of a rock
-#: that shows it (m).
-_SCALE_USUAL, _LEAST_FALL_M = 1.05, 2.0
-#: Product of neighbouring residuals that restarts from slightly wrong states make.
-_MADE_UP = 0.1
-#: Most distance of a stop below the last station, for its offset to be one of the instruments (m).
-_SOON_M = 30.0
-#: Largest logarithm of a scale that is tried. Fingerprints whose value is a scale.
-_LOG_SCALE = 0.35
 _IN_TIME = "speeds against distances in time, all rocks alike"
 _PASSING = "speeds at stations against the paths in time there, all rocks alike"
 _AGAINST_FALLS = "speeds against the falls between contacts, too high for all"
@@ -58,17 +56,15 @@ def _draw(case: Case, draws: ParameterDraws) -> CausePart:
     kinds = [draws.share(f"seen.{what}") < 0.6 for what in ("scale", "clock", "turns", "place")]
     if not any(kinds):
         kinds[int(draws.share("seen.one") * 4)] = True
-    scale = math.exp(draws.uniform("seen.log_scale", -_LOG_SCALE, _LOG_SCALE)) if kinds[0] else 1.0
+    scale = math.exp(draws.uniform("seen.log_scale", -LOG_SCALE, LOG_SCALE)) if kinds[0] else 1.0
     turns = math.exp(draws.uniform("seen.log_turns", -0.3, 0.3)) if kinds[2] else 1.0
     measurement = MeasurementError(
-        scale=scale,
-        clock_sd=draws.log("seen.clock_sd", 0.02, 0.35) if kinds[1] else 0.0,
-        rotation_scale=turns,
-        spin_scale=turns,
+        scale=scale, clock_sd=draws.log("seen.clock_sd", 0.02, 0.35) if kinds[1] else 0.0,
+        rotation_scale=turns, spin_scale=turns,
         noise_rel=draws.log("seen.noise", 0.05, 0.4) if kinds[2] else 0.0,
         stretch=1.0 + (scale - 1.0) * draws.share("seen.stretch"),
         position_m=draws.log("seen.position_m", 0.5, 8.0) if kinds[3] else 0.0,
-    )
+    )  # fmt: skip
 
     def change(model: HypothesisModel) -> HypothesisModel:
         own = model.measurement
@@ -84,32 +80,23 @@ def _draw(case: Case, draws: ParameterDraws) -> CausePart:
     return CausePart("scale, time base, noise", change, asdict(measurement))
 
 
-def _measured(prints: Mapping[str, tuple[float, float]]) -> Mapping[str, float]:
-    """Return the scale of speeds, if a fingerprint of it is seen.
-
-    What fits the motion says less of it.
-    """
-    for name in (_IN_TIME, _PASSING, _AGAINST_FALLS):
-        z, scale = prints.get(name, (0.0, 1.0))
-        if z >= PRINTED and scale > 0.0 and abs(math.log(scale)) < _LOG_SCALE:
-            share = 0.5 + 0.5 * math.log(scale) / _LOG_SCALE
+def _measured(prints: Mapping[str, Fingerprint]) -> Mapping[str, float]:
+    """Return the scale of speeds, if a fingerprint shows it: what fits the motion says less."""
+    for one in (prints[n] for n in (_IN_TIME, _PASSING, _AGAINST_FALLS) if n in prints):
+        if one.z >= PRINTED_Z and one.value > 0.0 and abs(math.log(one.value)) < LOG_SCALE:
+            share = 0.5 + 0.5 * math.log(one.value) / LOG_SCALE
             return {"seen.scale": 0.0, "seen.log_scale": share}
     return {}
 
 
 def _speed_ratios(case: Case) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return speeds as stated over those from positions and times, of each rock.
-
-    They are logarithms with their usual scatter.
-
-    And how much of it is the correction of distances for errors of position.
-    """
+    """Return logarithms of stated speeds over those in time by rock, scatter, and correction."""
     track = case.observations.trajectories
     error = errors_of(case)
     ratio, usual, corrected = np.full((3, case.n_rocks), np.nan)
     for rock, rows in case.observations.paths_of_rocks(track.speed_mps).items():
         t = track.t_s[rows]
-        ahead = np.searchsorted(t, t + _LAG_S - 1e-6)
+        ahead = np.searchsorted(t, t + PATH_LAG_S - 1e-6)
         first = np.flatnonzero(ahead < rows.size)
         last = ahead[first]
         lag = t[last] - t[first]
@@ -118,13 +105,13 @@ def _speed_ratios(case: Case) -> tuple[FloatArray, FloatArray, FloatArray]:
         sums = np.concatenate([[0.0], np.cumsum(track.speed_mps[rows])])
         stated = (sums[last + 1] - sums[first]) / (last + 1 - first)
         clean = _without_errors(distance, error.position_m)
-        fast = (stated > _FAST_MPS) & (lag < 2.0 * _LAG_S) & (clean > 1.0)
+        fast = (stated > FAST_MPS) & (lag < 2.0 * PATH_LAG_S) & (clean > 1.0)
         if fast.sum() >= 5:
             ratio[rock] = np.median(np.log(stated[fast] * lag[fast] / clean[fast]))
             spread = math.hypot(error.speed_rel, 1.5 * error.position_m / np.median(clean[fast]))
             usual[rock] = 2.0 * spread / math.sqrt(float(fast.sum()) / 5.0)
             corrected[rock] = np.median(np.log(distance[fast] / clean[fast]))
-    if np.isfinite(ratio).sum() < LEAST:
+    if np.isfinite(ratio).sum() < FINGERPRINT_ROCKS:
         raise Unseen
     return ratio, usual, corrected
 
@@ -139,7 +126,7 @@ def _scaled(ratio: FloatArray, corrected: FloatArray) -> Scores:
     """Return scale from the logarithms of speeds over those of paths, and of their corrections."""
     middle = float(np.nanmedian(ratio))
     # The correction goes with the square of an error that may be stated wrongly.
-    room = (_SCALE_USUAL - 1.0) + ((1.0 + MISSTATED) ** 2 - 1.0) * corrected
+    room = (USUAL_SCALE - 1.0) + ((1.0 + MISSTATED_SHARE) ** 2 - 1.0) * corrected
     return Scores(math.copysign(1.0, middle) * ratio - room, math.exp(middle))
 
 
@@ -155,7 +142,7 @@ def _passing(case: Case, residuals: ResidualTable) -> Scores:
     along, error = case.projected["trajectories"].s, errors_of(case).position_m
     paths = seen.paths_of_rocks(along)
     sums = np.zeros((3, case.n_rocks))
-    for i in np.flatnonzero((rock >= 0) & (station >= 0) & (speed > _FAST_MPS)).tolist():
+    for i in np.flatnonzero((rock >= 0) & (station >= 0) & (speed > FAST_MPS)).tolist():
         rows = paths.get(int(rock[i]), np.empty(0, np.int64))
         s, t = along[rows], track.t_s[rows]
         below = np.flatnonzero(s >= case.station_s[rock[i], station[i]])
@@ -163,24 +150,24 @@ def _passing(case: Case, residuals: ResidualTable) -> Scores:
         if not below.size or below[0] == 0:
             continue
         after = int(below[0])
-        ends = np.searchsorted(t, 0.5 * (t[after - 1] + t[after]) + [-_NEAR_S, _NEAR_S])
+        ends = np.searchsorted(
+            t, 0.5 * (t[after - 1] + t[after]) + [-STATION_SIDE_S, STATION_SIDE_S]
+        )
         first, last = min(int(ends[0]), after - 1), max(int(ends[1]) - 1, after)
         way = [getattr(track, c)[rows] for c in "xyz"]
         distance = np.sqrt(sum((c[last] - c[first]) ** 2 for c in way))
-        if distance > _FAR_ERRORS * error and t[last] - t[first] < _LAG_S + 1e-6:
+        if distance > FAR_ERRORS * error and t[last] - t[first] < PATH_LAG_S + 1e-6:
             clean = float(_without_errors(distance, error))
             own = math.log(speed[i] * (t[last] - t[first]) / clean), math.log(distance / clean)
             sums[:, rock[i]] += 1.0, *own
     count = np.where(sums[0] > 0.0, sums[0], np.nan)
-    if np.isfinite(count).sum() < LEAST:
+    if np.isfinite(count).sum() < FINGERPRINT_ROCKS:
         raise Unseen
     return _scaled(sums[1] / count, sums[2] / count)
 
 
 def _against_falls(case: Case, residuals: ResidualTable) -> Scores:
-    """Return energy gained between two contacts over that which gravity gives.
-
-    This is the square of the scale.
+    """Score energy gained between contacts over that of the fall: the square of the scale.
 
     Air, stems and contacts that were missed take energy: only a scale above 1 is certain.
     """
@@ -190,19 +177,19 @@ def _against_falls(case: Case, residuals: ResidualTable) -> Scores:
         np.bincount(rows.rock, values, case.n_rocks) for values in (gained, rows.fell_jpkg)
     )
     flew = np.bincount(rows.rock, minlength=case.n_rocks) > 0
-    if flew.sum() < LEAST or fell[flew].mean() < _LEAST_FALL_M * case.engine.gravity_mps2:
+    if flew.sum() < FINGERPRINT_ROCKS or fell[flew].mean() < ROCK_FALL_M * case.engine.gravity_mps2:
         raise Unseen
     # Not of each rock by itself: one that hardly fell would have any scale.
     share = np.where(flew, more / fell[flew].mean(), np.nan)
     own = np.where(flew, fell / fell[flew].mean(), np.nan)
     scale = math.sqrt(max(1.0 + float(np.nanmean(share)), 0.0))
-    return Scores(share - (_SCALE_USUAL**2 - 1.0) * np.abs(own), scale)
+    return Scores(share - (USUAL_SCALE**2 - 1.0) * np.abs(own), scale)
 
 
 def _each_its_own(case: Case, residuals: ResidualTable) -> Scores:
     ratio, usual, _ = _speed_ratios(case)
     away = np.abs(ratio - float(np.nanmedian(ratio)))
-    return Scores(away - (1.0 + MISSTATED) * usual, float(np.nanstd(ratio)))
+    return Scores(away - (1.0 + MISSTATED_SHARE) * usual, float(np.nanstd(ratio)))
 
 
 def _made_up(case: Case, residuals: ResidualTable) -> Scores:
@@ -213,7 +200,7 @@ def _made_up(case: Case, residuals: ResidualTable) -> Scores:
         raise Unseen
     own = {place: over_scatter(gap - np.nanmean(gap), 0.02) for place, gap in gaps.items()}
     product = mean_of_draws(np.column_stack([-own[a] * own[b] for a, b in pairs]), least=1)
-    return Scores(product - _MADE_UP, float(np.nanmean(product)))
+    return Scores(product - MADE_UP_PRODUCT, float(np.nanmean(product)))
 
 
 def _aside(case: Case, residuals: ResidualTable) -> Scores:
@@ -223,13 +210,13 @@ def _aside(case: Case, residuals: ResidualTable) -> Scores:
     passed = np.isfinite(at[rows.rock])
     last = at.shape[1] - 1 - np.argmax(passed[:, ::-1], axis=1)
     beyond = rows.way_m - case.station_s[rows.rock, last]
-    near = passed.any(axis=1) & (beyond < _SOON_M)
+    near = passed.any(axis=1) & (beyond < SOON_BELOW_M)
     near &= np.abs(at[rows.rock, last]) < 0.5 * side_error(case)
     run = residuals.run
     made = run.ends.lateral_m[rows.rock] - run.at.lateral_m[rows.rock, :, last]
     usual = usual_offset(case) + base_size(made)
     if case.terrain is None:
-        usual = usual + STRAIGHT * np.maximum(beyond, 0.0)
+        usual = usual + STRAIGHT_GROWTH * np.maximum(beyond, 0.0)
     size = np.where(near, np.abs(rows.observed) - usual, np.nan)
     return Scores(per_rock(size, rows.rock, case.n_rocks), known_mean(size + usual))
 

@@ -9,9 +9,6 @@ from dataclasses import asdict, replace
 import numpy as np
 
 from sassgis.gap.causes.cause import (
-    LEAST,
-    MEDIAN_OF_NORMAL,
-    SHIFT,
     Cause,
     CausePart,
     ParameterDraws,
@@ -25,26 +22,28 @@ from sassgis.gap.causes.cause import (
     usual_scatter,
     wrong_on_one,
 )
+from sassgis.gap.constants import (
+    AT_ONCE_S,
+    CAME_DOWN_SHARE,
+    COMPARISON_SHIFT,
+    EXCEEDED,
+    FINGERPRINT_ROCKS,
+    FIRST_S,
+    FIRST_SLOPE_M,
+    GRAVITY_MPS2,
+    LATE_SHARE,
+    MEDIAN_OF_NORMAL,
+    SIGMAS,
+    START_AHEAD_M,
+    STATED_START_M,
+)
 from sassgis.gap.forward.hypothesis_model import ReleaseError
 from sassgis.gap.observations.campaign import errors_of
 from sassgis.gap.observations.case import Case
-from sassgis.gap.observations.observed import GRAVITY, SIGMAS, above_release_m
+from sassgis.gap.observations.observed import above_release_m
 from sassgis.gap.residuals.residual_table import ResidualTable
 from sassgis.gap.residuals.rock_residuals import per_rock
 from sassgis.grid import IntArray
-
-#: Errors as they scatter are exceeded by this.
-_MORE = 1.25
-#: Rocks start no farther from where they are said to than this, up or down the slope (m).
-_AHEAD_M = 18.0
-#: Starts of a campaign are known to this, whatever is stated of its instruments (m).
-_STATED_M = 1.5
-#: Time of a first point from which on the clock of a path did not start at the release (s), and
-#: share of the first points far from the start that show that the film begins below it.
-_AT_ONCE_S, _LATE = 0.05, 0.2
-#: How long a path is looked at from its first point (s), share of the energy of a fall that shows
-#: a rock on its way, and plan length over which the slope below the start is taken (m).
-_FIRST_S, _CAME_DOWN, _NEAR_M = 0.5, 0.1, 40.0
 
 
 def _draw(case: Case, draws: ParameterDraws) -> CausePart:
@@ -52,7 +51,9 @@ def _draw(case: Case, draws: ParameterDraws) -> CausePart:
     if not any(wrong):
         wrong[int(draws.share("release.one") * 3)] = True
     release = ReleaseError(
-        ahead_m=draws.uniform("release.ahead_m", -_AHEAD_M, _AHEAD_M) if wrong[0] else 0.0,
+        ahead_m=draws.uniform("release.ahead_m", -START_AHEAD_M, START_AHEAD_M)
+        if wrong[0]
+        else 0.0,
         faster_mps=draws.log("release.faster_mps", 0.5, 12.0) if wrong[1] else 0.0,
         shift_m=draws.normal("release.shift_m", 4.0) if wrong[2] else 0.0,
         scatter_m=draws.log("release.scatter_m", 0.3, 12.0) if wrong[2] else 0.0,
@@ -61,7 +62,7 @@ def _draw(case: Case, draws: ParameterDraws) -> CausePart:
 
 
 def _position_error(case: Case, paths: Mapping[int, IntArray]) -> float:
-    """Return standard error of a coordinate (m), as stated or, if more, as paths in time scatter.
+    """Return the standard error of a coordinate (m), as stated or, if more, as paths scatter.
 
     Third differences of a flight are those of only the errors, with variance 20 σ².
     """
@@ -79,8 +80,8 @@ def _first_point(case: Case, residuals: ResidualTable) -> Scores:
     place = {name: i for i, name in enumerate(rocks.rock_id.tolist())}
     off = np.full(case.n_rocks, np.nan)
     paths = case.observations.paths_of_rocks()
-    at_once = {rock for rock, rows in paths.items() if track.t_s[rows[0]] < _AT_ONCE_S}
-    has_own_clock = len(at_once) < LEAST
+    at_once = {rock for rock, rows in paths.items() if track.t_s[rows[0]] < AT_ONCE_S}
+    has_own_clock = len(at_once) < FINGERPRINT_ROCKS
     for rock, rows in paths.items():
         i = place.get(names[rock])
         if i is not None and (has_own_clock or rock in at_once):
@@ -88,16 +89,16 @@ def _first_point(case: Case, residuals: ResidualTable) -> Scores:
                 float(track.x[rows[0]] - rocks.x[i]), float(track.y[rows[0]] - rocks.y[i])
             )
     error = _position_error(case, paths)
-    usual = _MORE * error * math.sqrt(0.5 * math.pi) + _STATED_M
+    usual = EXCEEDED * error * math.sqrt(0.5 * math.pi) + STATED_START_M
     # One whose film begins below the start, with a separate clock, says nothing.
     slope = _first_slope(case)
     far = np.flatnonzero(off > usual).tolist()
     late = [rock for rock in far if _came_down(case, paths[rock], slope * off[rock], error)]
     off[late] = np.nan
-    if has_own_clock and len(late) > _LATE * len(far):
+    if has_own_clock and len(late) > LATE_SHARE * len(far):
         # Nor do slow ones of a film that begins below the start for many.
         raise Unseen
-    if np.isfinite(off).sum() < LEAST:
+    if np.isfinite(off).sum() < FINGERPRINT_ROCKS:
         raise Unseen
     return Scores(off - usual, float(np.nanmean(off)))
 
@@ -106,13 +107,13 @@ def _came_down(case: Case, rows: IntArray, fell_m: float, error_m: float) -> boo
     """Return whether a rock has more than a tenth of the energy of a fall where its path begins."""
     track = case.observations.trajectories
     first = rows[0]
-    last = rows[track.t_s[rows] <= track.t_s[first] + _FIRST_S][-1]
+    last = rows[track.t_s[rows] <= track.t_s[first] + FIRST_S][-1]
     time = float(track.t_s[last] - track.t_s[first])
     if time <= 0.0:
         return False
     way = math.hypot(*(float(getattr(track, c)[last] - getattr(track, c)[first]) for c in "xy"))
     drawn = SIGMAS * math.sqrt(2.0) * error_m / time
-    return bool((way / time) ** 2 > drawn**2 + 2.0 * GRAVITY * _CAME_DOWN * fell_m)
+    return bool((way / time) ** 2 > drawn**2 + 2.0 * GRAVITY_MPS2 * CAME_DOWN_SHARE * fell_m)
 
 
 def _first_slope(case: Case) -> float:
@@ -120,7 +121,7 @@ def _first_slope(case: Case) -> float:
     found = []
     for line in np.unique(case.line[case.line >= 0]).tolist():
         s, z = case.profiles.vertices(line)
-        near = s <= s[0] + _NEAR_M
+        near = s <= s[0] + FIRST_SLOPE_M
         found.append((z[near][0] - z[near][-1]) / max(float(s[near][-1] - s[near][0]), 1e-9))
     return max(float(np.mean(found)), 0.0) if found else 0.0
 
@@ -128,14 +129,14 @@ def _first_slope(case: Case) -> float:
 def _first_contact(case: Case, residuals: ResidualTable) -> Scores:
     """Find where a rock first touches the ground, up or down the slope from the model's."""
     rows = residuals.steps.of("start", "chainage_m")
-    if len(rows) < LEAST:
+    if len(rows) < FINGERPRINT_ROCKS:
         raise Unseen
     off = rows.observed - rows.predicted
     middle = float(np.median(off))
     # Films that begin late miss the first contacts of some: they do not shift the others.
     near = usual_scatter(off)
     kept = math.copysign(1.0, middle) * np.clip(off, middle - near, middle + near)
-    scores = kept - _MORE * rows.sd - _STATED_M
+    scores = kept - EXCEEDED * rows.sd - STATED_START_M
     return Scores(per_rock(scores, rows.rock, case.n_rocks), middle)
 
 
@@ -147,10 +148,10 @@ def _contact_above_start(case: Case, residuals: ResidualTable) -> Scores:
     own = (rock >= 0) & np.isfinite(over)
     np.maximum.at(highest, rock[own], over[own])
     highest[~np.isfinite(highest)] = np.nan
-    if np.isfinite(highest).sum() < LEAST:
+    if np.isfinite(highest).sum() < FINGERPRINT_ROCKS:
         raise Unseen
     errors = errors_of(case)
-    usual = _MORE * math.hypot(errors.position_m, errors.height_m) + 2.0 * _STATED_M
+    usual = EXCEEDED * math.hypot(errors.position_m, errors.height_m) + 2.0 * STATED_START_M
     # Films that begin below the start of some rocks say nothing of the others.
     return Scores(np.maximum(highest, 0.0) - usual, float(np.nanmean(highest)))
 
@@ -166,7 +167,7 @@ def _first_reach(case: Case, residuals: ResidualTable) -> Scores:
     wrong = wrong_on_one(residuals).get(case.reaches[0])
     if wrong is None:
         raise Unseen
-    return Scores(wrong - SHIFT, float(np.nanmean(wrong)))
+    return Scores(wrong - COMPARISON_SHIFT, float(np.nanmean(wrong)))
 
 
 CAUSE = Cause(

@@ -7,7 +7,6 @@ import numpy as np
 from sassgis.engine.effects.soft_ground import SoftGround
 from sassgis.gap.causes.cause import (
     HARD,
-    LEAST,
     Cause,
     CausePart,
     Fit,
@@ -24,6 +23,7 @@ from sassgis.gap.causes.cause import (
     sizes,
     soft_first,
 )
+from sassgis.gap.constants import FINGERPRINT_ROCKS
 from sassgis.gap.observations.case import Case
 from sassgis.gap.residuals.residual_table import ResidualTable
 from sassgis.gap.residuals.rock_residuals import mean_of_draws, per_rock, t_statistics
@@ -57,7 +57,7 @@ def _on_one_ground(case: Case, residuals: ResidualTable) -> Scores:
     lost = []
     for k in np.unique(rows.ground).tolist():
         on = rows.ground == k
-        if k < 0 or case.table.names[k] in HARD or on.sum() < 3 * LEAST or on.all():
+        if k < 0 or case.table.names[k] in HARD or on.sum() < 3 * FINGERPRINT_ROCKS or on.all():
             continue
         fast = np.log(np.maximum(rows.vn_mps, 0.2))
         score = -(z - float(np.mean(z[~on]))) * np.exp(fast - fast[on].mean())

@@ -11,8 +11,6 @@ from numpy.typing import NDArray
 
 from sassgis.engine.effects.trees import Trees
 from sassgis.gap.causes.cause import (
-    LEAST,
-    SHIFT,
     Cause,
     CausePart,
     Fit,
@@ -27,6 +25,21 @@ from sassgis.gap.causes.cause import (
     rounded,
     usual_scatter,
     wrong_on_one,
+)
+from sassgis.gap.constants import (
+    CLEAR_RADII,
+    CLEAR_RISE_M,
+    COMPARISON_SHIFT,
+    FINGERPRINT_ROCKS,
+    FREE_REACH,
+    LOST_SHARE,
+    LOST_SIGMAS,
+    MIDDLE_HALF,
+    ONE_PLACE_M,
+    SEEM_STRUCK,
+    SEEM_STRUCK_AT_CONTACTS,
+    STRUCK_SHARE,
+    STRUCK_SIGMAS,
 )
 from sassgis.gap.forward.hypothesis_model import ForestStand, HypothesisModel
 from sassgis.gap.observations.campaign import errors_of
@@ -47,22 +60,6 @@ FIT = Fit(
     parameters={"stems": ("efficiency",), "full_stems": ("efficiency",), "viscous": ("drag_kgps",)},
 )
 _ENERGY = "energy_jpkg"
-#: Loss of the energy of a flight, and in standard deviations, from which something was struck.
-_STRUCK_SHARE, _STRUCK_SD = 0.15, 3.5
-#: Share of the speed that is lost beyond what the ground can take, and in standard deviations;
-#: share of paths in time that seem struck without trees.
-_LOST_SHARE, _LOST_SD, _SEEM_STRUCK = 0.3, 5.0, 0.01
-#: Losses whose middle half lies closer together are those of one place (m).
-_MIDDLE, _PLACE_M = (0.25, 0.75), 8.0
-#: Rise of a flight above the straight way between two contacts, in radii and at least (m), from
-#: which no contact can have been missed on it: grazing ones and those of a rock that rolls or
-#: slides are in no table of impacts.
-_CLEAR_RADII, _CLEAR_M = 1.0, 0.5
-#: Share of the length of a free flight beyond which a rock touched the ground on the way: what
-#: loses speed in the air comes less far.
-_FREE = 1.1
-#: Least share of flights between contacts that seem struck without; else that of the base.
-_SEEM_STRUCK_AT_CONTACTS = 0.01
 
 
 def _length(case: Case) -> float:
@@ -111,7 +108,7 @@ def _on_few_flights(case: Case, residuals: ResidualTable) -> Scores:
     """Test losses against flights of the base, which unrecorded contacts cut as well."""
     error = errors_of(case).position_m
     rows, loss, usual = loss_of_flights(_above_ground(residuals.steps.of("flight", _ENERGY), error))
-    struck, chance = _struck(rows, loss, usual), _SEEM_STRUCK_AT_CONTACTS
+    struck, chance = _struck(rows, loss, usual), SEEM_STRUCK_AT_CONTACTS
     with suppress(Unseen):
         base = loss_of_flights(_above_ground(residuals.steps.of(MODEL_FLIGHT, _ENERGY), error))
         chance = max(chance, float(_struck(*base).mean()))
@@ -121,8 +118,8 @@ def _on_few_flights(case: Case, residuals: ResidualTable) -> Scores:
 
 def _above_ground(rows: StepTable, error_m: float) -> StepTable:
     """Return flights on which what was struck stood above the ground."""
-    least = np.maximum(_CLEAR_RADII * rows.radius_m, _CLEAR_M)
-    return rows.where((rows.clear_m > least + 2.0 * error_m) & (rows.reach < _FREE))
+    least = np.maximum(CLEAR_RADII * rows.radius_m, CLEAR_RISE_M)
+    return rows.where((rows.clear_m > least + 2.0 * error_m) & (rows.reach < FREE_REACH))
 
 
 def _struck(rows: StepTable, loss: FloatArray, usual: FloatArray) -> NDArray[np.bool_]:
@@ -131,34 +128,33 @@ def _struck(rows: StepTable, loss: FloatArray, usual: FloatArray) -> NDArray[np.
     middle = float(np.median(usual))
     # Stated errors may be too small: what flights scatter by themselves counts as well.
     scatter = max(usual_scatter(usual), 1.0)
-    return (share > _STRUCK_SHARE) & (usual - max(middle, 0.0) > _STRUCK_SD * scatter)
+    return (share > STRUCK_SHARE) & (usual - max(middle, 0.0) > STRUCK_SIGMAS * scatter)
 
 
 def _above_the_ground(case: Case, residuals: ResidualTable) -> Scores:
     """Return the speed lost along a stretch where no impulse of the ground can have taken it."""
     rows = residuals.steps.of("aloft", "speed_mps")
-    if len(rows) < 2 * LEAST or losses_at_one_place(residuals) is not None:
+    if len(rows) < 2 * FINGERPRINT_ROCKS or losses_at_one_place(residuals) is not None:
         raise Unseen
     struck = _struck_aloft(rows)
     scores = per_rock(struck.astype(np.float64), rows.rock, case.n_rocks)
-    return Scores(scores, float(struck.mean()), np.where(np.isfinite(scores), _SEEM_STRUCK, 0.0))
+    return Scores(scores, float(struck.mean()), np.where(np.isfinite(scores), SEEM_STRUCK, 0.0))
 
 
 def _struck_aloft(rows: StepTable) -> NDArray[np.bool_]:
     """Return whether paths in time lost so much above the ground that something was struck."""
     lost = 1.0 - rows.observed / rows.predicted
-    return (lost > _LOST_SHARE) & (-rows.z > _LOST_SD)
+    return (lost > LOST_SHARE) & (-rows.z > LOST_SIGMAS)
 
 
 def losses_at_one_place(residuals: ResidualTable) -> tuple[int, float] | None:
-    """Return paths in time that lose speed above the ground all at one place, and its chainage (m).
+    """Return how many paths in time lose speed above the ground at one place, and its chainage (m).
 
-    A step that the terrain model lacks, or something built, and no trees; None where they do so at
-    several places, or hardly any does.
+    It is a step that the terrain model lacks, or something built, and no trees; None without.
     """
     rows = residuals.steps.of("aloft", "speed_mps")
     place = rows.way_m[_struck_aloft(rows)]
-    if place.size < LEAST or np.ptp(np.quantile(place, _MIDDLE)) >= _PLACE_M:
+    if place.size < FINGERPRINT_ROCKS or np.ptp(np.quantile(place, MIDDLE_HALF)) >= ONE_PLACE_M:
         return None
     return place.size, float(np.median(place))
 
@@ -168,7 +164,7 @@ def _on_one_reach(case: Case, residuals: ResidualTable) -> Scores:
     wrong = wrong_on_one(residuals, sign=-1.0)
     lost = [own for place, own in wrong.items() if place != case.reaches[0]]
     surest = max(lost, key=lambda one: float(np.nan_to_num(t_statistics(one)[0])))
-    return Scores(surest - SHIFT, float(np.nanmean(surest - SHIFT)))
+    return Scores(surest - COMPARISON_SHIFT, float(np.nanmean(surest - COMPARISON_SHIFT)))
 
 
 CAUSE = Cause(

@@ -14,6 +14,23 @@ from dataclasses import dataclass
 import numpy as np
 
 from sassgis.errors import InputError
+from sassgis.gap.constants import (
+    CLASS_COUNT,
+    CLASS_DRAWS,
+    CLASS_LIMIT,
+    CLASS_LOOKED,
+    CLASS_ROUNDS,
+    DRAWS_EACH,
+    FINAL_COUNT,
+    FINAL_NUMBER,
+    LAST_ROUND,
+    LEAST_VALUE_ERROR,
+    MIDDLE_90,
+    MISFIT_NUMBER,
+    NO_PRIOR,
+    SITE_SAMPLES,
+    SPREAD_END,
+)
 from sassgis.gap.fit.distances import Interval
 from sassgis.gap.fit.fit_errors import (
     CalibrationFinding,
@@ -52,7 +69,7 @@ from sassgis.gap.fit.linear_fit import (
     rocks_drawn_anew,
     summary_of,
 )
-from sassgis.gap.fit.parameters import ClassParameter, Prior, parameters_of, table_with
+from sassgis.gap.fit.parameters import ClassParameter, parameters_of, prior_shares, table_with
 from sassgis.gap.fit.site_data import Prediction, SiteData, added, prediction, scores_of
 from sassgis.gap.forward.hypothesis_model import HypothesisModel, configured_model
 from sassgis.gap.observations.case import classes_met
@@ -60,20 +77,6 @@ from sassgis.grid import FloatArray
 from sassgis.settings.ground import LIMITS, GroundTable
 from sassgis.settings.ground_ranges import ParameterRange, RangeRule, ranges_of
 from sassgis.settings.languages import phrase
-
-#: Rounds of the search, least draws of each and draws for each parameter, campaigns of a draw, and
-#: of a step that is looked at.
-_ROUNDS, _DRAWS, _EACH, COUNT, _LOOKED = 6, 32, 4, 2, 8
-#: Draws of the last round, over those of the others.
-_LAST = 3
-#: Standard deviations of the prior within which the parameters are searched.
-_LIMIT = 6.0
-#: Campaigns from which the errors are taken.
-FINAL_COUNT = 60
-#: Numbers of the campaigns for the errors begin here.
-_FINAL = 100_000
-#: Number of those from which misfits at the best parameters are taken.
-_MISFITS = 99_000
 
 
 @dataclass(frozen=True, slots=True)
@@ -107,9 +110,12 @@ class CalibrationTask:
             for site in self.sites
         )
 
-    def model(self, site: SiteData, shares: FloatArray) -> HypothesisModel:
-        """Return a site as configured, with parameters at shares of their ranges."""
-        return configured_model(site.case, table_with(site.case.table, self.parameters, shares))
+    def model(self, site: SiteData, shares: FloatArray | None) -> HypothesisModel:
+        """Return a site as configured, with parameters at shares of their ranges, if given."""
+        table = site.case.table
+        if shares is not None:
+            table = table_with(table, self.parameters, shares)
+        return configured_model(site.case, table)
 
 
 def calibration_task(
@@ -119,10 +125,7 @@ def calibration_task(
     rules: Sequence[RangeRule],
     seed: int,
 ) -> CalibrationTask:
-    """Return the parameters of some classes at some sites.
-
-    ``rules`` say how values vary between sites.
-    """
+    """Return what is to be calibrated; ``rules`` say how values vary between sites."""
     parameters: list[ClassParameter] = []
     for own in class_names:
         table = next(s.case.table for s in sites if own in s.case.table.names)
@@ -132,35 +135,42 @@ def calibration_task(
 
 def budget_of(task: CalibrationTask, draws: int | None) -> FitBudget:
     """Return draws of each round; default: 4 for each parameter, at least 32."""
-    own = draws or max(_DRAWS, _EACH * len(task.parameters))
-    return FitBudget(_ROUNDS, own, COUNT, _LOOKED, _LIMIT, _LAST * own)
+    own = draws or max(CLASS_DRAWS, DRAWS_EACH * len(task.parameters))
+    return FitBudget(CLASS_ROUNDS, own, CLASS_COUNT, CLASS_LOOKED, CLASS_LIMIT, LAST_ROUND * own)
 
 
 def run_trial(task: CalibrationTask, trial: Trial) -> Seen:
     """Return numbers of all sites, one after the other, and the mean score of the rocks."""
-    shares = Prior.of(task.parameters).shares(trial.at)
+    shares = prior_shares(task.parameters, trial.at)
     numbers, scores = [], []
     for site in task.summaries:
         model = task.model(site.problem, shares)
         own, rows = site.of_model(model, trial.number, trial.count)
         numbers.append(own)
         scores.append(scores_of(site.problem, model, trial.number, rows))
-    return np.concatenate(numbers), float(np.concatenate(scores).mean())
+    return Seen(np.concatenate(numbers), float(np.concatenate(scores).mean()))
 
 
-#: Place of a site among the sites, and parameters.
-SiteAt = tuple[int, FloatArray]
-RunSites = Callable[[Sequence[SiteAt]], Sequence[Misfits]]
+@dataclass(frozen=True, slots=True)
+class SiteTask:
+    """Campaigns of a site at shares of the parameters; without them, as configured."""
+
+    site: int
+    shares: FloatArray | None
+    number: int
 
 
-def run_site(task: CalibrationTask, at: SiteAt) -> Misfits:
+RunSites = Callable[[Sequence[SiteTask]], Sequence[Misfits]]
+
+
+def run_site(task: CalibrationTask, at: SiteTask) -> Misfits:
     """Return observed less simulated numbers of a site at some parameters."""
-    site = task.summaries[at[0]]
+    site = task.summaries[at.site]
     problem = site.problem
     parts = np.arange(task.n_parts)[:, None]
     weights = [np.ones((1, problem.n_rocks)), problem.part != parts, rocks_drawn_anew(problem)]
-    model = task.model(problem, Prior.of(task.parameters).shares(at[1]))
-    off = site.misfits(model, _MISFITS, FINAL_COUNT, np.vstack(weights))
+    model = task.model(problem, at.shares)
+    off = site.misfits(model, at.number, FINAL_COUNT, np.vstack(weights))
     first = 1 + task.n_parts
     return Misfits(off[0], off[1:first], off[first:], site.units)
 
@@ -183,40 +193,31 @@ def search(
     Only the prior keeps parameters near their configured values: rocks left out are predicted with
     parameters that were chosen in the same way.
     """
-    budget, prior = budget_of(task, draws), Prior.of(task.parameters)
+    budget = budget_of(task, draws)
     fit = fit_linearly(joined(task.summaries), np.zeros(len(task.parameters)), run, budget)
-    told = told_by(fit, run_sites([(k, fit.best) for k in range(len(task.sites))]))
-    posterior = posterior_of(prior, together(told), task.seed)
+    best, sites = prior_shares(task.parameters, fit.best), range(len(task.sites))
+    told = told_by(fit, run_sites([SiteTask(k, best, MISFIT_NUMBER) for k in sites]))
+    posterior = posterior_of(task.parameters, together(told), task.seed)
     fitted = fitted_parameters(task.parameters, posterior)
     return Calibrated(told, posterior, fitted, budget.tried)
 
 
-@dataclass(frozen=True, slots=True)
-class FinalTask:
-    """Campaigns for the errors of a site; without shares of the parameters: as configured."""
-
-    site: int
-    shares: FloatArray | None
-    number: int
-
-
-def final_prediction(task: CalibrationTask, final: FinalTask) -> Prediction:
+def final_prediction(task: CalibrationTask, final: SiteTask) -> Prediction:
     """Predict the rocks of a site."""
     site = task.sites[final.site]
-    model = configured_model(site.case) if final.shares is None else task.model(site, final.shares)
-    return prediction(site, model, final.number, FINAL_COUNT)
+    return prediction(site, task.model(site, final.shares), final.number, FINAL_COUNT)
 
 
-RunFinals = Callable[[Sequence[FinalTask]], Sequence[Prediction]]
+RunFinals = Callable[[Sequence[SiteTask]], Sequence[Prediction]]
 
 
 def held_out(task: CalibrationTask, found: Calibrated, run: RunFinals) -> list[Prediction]:
     """Predict each rock with parameters chosen on the rocks of the other parts, by site."""
-    whole, prior = together(found.told), Prior.of(task.parameters)
+    whole = together(found.told)
     tasks = []
     for part in range(task.n_parts):
-        shares = prior.shares(whole.estimate_without(part))
-        tasks += [FinalTask(k, shares, _FINAL + 10 + part) for k in range(len(task.sites))]
+        shares = prior_shares(task.parameters, whole.estimate_without(part))
+        tasks += [SiteTask(k, shares, FINAL_NUMBER + 10 + part) for k in range(len(task.sites))]
     made = list(run(tasks))
     merged = []
     for k, site in enumerate(task.sites):
@@ -271,10 +272,7 @@ class SiteCalibration:
 
     @property
     def recommended(self) -> bool:
-        """Whether the calibrated classes are to be run: their gain on rocks left out clears zero.
-
-        At no site may they be worse by as much.
-        """
+        """Whether to run the calibrated classes: their gain clears zero, no site loses as much."""
         return self.gain.low > 0.0 and not any(s.gain.high < 0.0 for s in self.sites)
 
     @property
@@ -300,14 +298,13 @@ class SiteCalibration:
 def result_of(task: CalibrationTask, found: Calibrated, run: RunFinals) -> SiteCalibration:
     """Return the result of the search, and how well it fits rocks left out."""
     posterior, parameters = found.posterior, task.parameters
-    prior = Prior.of(parameters)
-    own = [prior.shares(told.estimate()[0]) for told in found.told]
+    own = [prior_shares(parameters, told.estimate()[0]) for told in found.told]
     finals = []
     for k, best in enumerate(own):
         finals += [
-            FinalTask(k, None, _FINAL),
-            FinalTask(k, posterior.best, _FINAL + 1),
-            FinalTask(k, best, _FINAL + 1),
+            SiteTask(k, None, FINAL_NUMBER),
+            SiteTask(k, posterior.best, FINAL_NUMBER + 1),
+            SiteTask(k, best, FINAL_NUMBER + 1),
         ]
     # What fits the only site best is what fits all.
     made = list(run(finals if len(own) > 1 else finals[:2]))
@@ -321,35 +318,26 @@ def result_of(task: CalibrationTask, found: Calibrated, run: RunFinals) -> SiteC
         pairs.append((_of_units(site, models["before"]), _of_units(site, models["left out"])))
         sites.append(
             SiteResult(
-                site.name,
-                site.n_rocks,
-                {n: len(t) for n, t in site.case.observations.tables.items() if len(t)},
-                quantity_errors(site, replicas, task.seed),
-                table_scores(site, {name: model.scores for name, model in models.items()}),
-                paired_gain(*pairs[-1]),
-                scores[0],
-                scores[1],
-                _by_label(parameters, own[k]),
-                replicas,
-                site.quantities,
+                name=site.name, rocks=site.n_rocks,
+                tables={n: len(t) for n, t in site.case.observations.tables.items() if len(t)},
+                errors=quantity_errors(site, replicas, task.seed),
+                scores=table_scores(site, {name: model.scores for name, model in models.items()}),
+                gain=paired_gain(*pairs[-1]), score=scores[0], own_score=scores[1],
+                own=_by_label(parameters, own[k]), replicas=replicas, observed=site.quantities,
             )
-        )
+        )  # fmt: skip
     before, left = (np.concatenate(own) for own in zip(*pairs, strict=True))
+    common, own_best = [s.score for s in sites], [s.own_score for s in sites]
     return SiteCalibration(
-        found.fitted,
-        identified_combinations(posterior.covariance),
-        trade_offs([p.label for p in parameters], posterior.covariance),
-        tuple(_by_label(parameters, u) for u in as_good(posterior)),
-        classes_alike(parameters, posterior),
-        tuple(sites),
-        contradicting(
-            found.told, [s.score for s in sites], [s.own_score for s in sites], task.seed
-        ),
-        paired_gain(before, left),
-        findings_of(found.fitted, {s.name: s.gain for s in sites}),
-        found.draws,
-        task.seed,
-    )
+        fitted=found.fitted, combinations=identified_combinations(posterior.covariance),
+        trade_offs=trade_offs([p.label for p in parameters], posterior.covariance),
+        as_good=tuple(_by_label(parameters, u) for u in as_good(posterior)),
+        alike=classes_alike(parameters, posterior), sites=tuple(sites),
+        contradict=contradicting(found.told, common, own_best, task.seed),
+        gain=paired_gain(before, left),
+        findings=findings_of(found.fitted, {s.name: s.gain for s in sites}), draws=found.draws,
+        seed=task.seed,
+    )  # fmt: skip
 
 
 def _of_units(site: SiteData, predicted: Prediction) -> FloatArray:
@@ -366,13 +354,6 @@ def _by_label(parameters: Sequence[ClassParameter], shares: FloatArray) -> dict[
 #: Nodes and weights of the quadrature over the standard deviation between sites, and its end in
 #: prior scales.
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(100)
-_END = 6.0
-#: Precision of the prior where the rocks of a site speak, and samples of what they leave.
-_NO_PRIOR, _SAMPLES = 1e-3, 2000
-#: Least error, as a share of the range: a value that is always at a limit is not known exactly.
-_LEAST_ERROR = 0.02
-#: Half of the middle 90 % of a normal distribution, in standard deviations.
-_MIDDLE = 1.645
 
 
 @dataclass(frozen=True, slots=True)
@@ -398,18 +379,10 @@ class BetweenSites:
 
 
 def between_sites(values: FloatArray, errors: FloatArray, scale: float) -> BetweenSites:
-    """Return the posterior of mean and spread by quadrature.
+    """Return the posterior of mean and spread of sites, by quadrature.
 
-    Parameters
-    ----------
-    values, errors : float64, shape (n_sites,)
-    scale : float
-        Of the half-normal prior of the standard deviation between sites.
-
-    Raises
-    ------
-    InputError
-        No values, or an error or a scale that is not above 0.
+    ``scale``: of the half-normal prior of the standard deviation between sites. InputError without
+    values, or if an error or the scale is not above 0.
     """
     if not values.size or not (errors > 0.0).all() or not scale > 0.0:
         raise InputError(
@@ -419,7 +392,7 @@ def between_sites(values: FloatArray, errors: FloatArray, scale: float) -> Betwe
         )
     # Denser towards 0, where a spread below the errors is reported.
     root = 0.5 * (_NODES + 1.0)
-    tau = _END * scale * root**2
+    tau = SPREAD_END * scale * root**2
     weight = 1.0 / (errors**2 + tau[:, None] ** 2)
     variance = 1.0 / weight.sum(axis=1)
     mean = variance * (weight * values).sum(axis=1)
@@ -439,10 +412,7 @@ def between_sites(values: FloatArray, errors: FloatArray, scale: float) -> Betwe
 def class_spread(
     found: Sequence[SiteValue], known: Sequence[ParameterRange]
 ) -> tuple[RangeRule, ...]:
-    """Return rows of a table of ranges: the middle 90 % of what a new site may have.
-
-    ``known``: what was assumed before; parameters without such a range are left out.
-    """
+    """Return ranges of the middle 90 % of a new site; ``known``: those from before, of the same."""
     rules = []
     for before in known:
         own = [
@@ -454,7 +424,7 @@ def class_spread(
         told = between_sites(
             np.array([v.value for v in own]), np.array([v.error for v in own]), before.sd
         )
-        room = _MIDDLE * told.predictive_sd
+        room = MIDDLE_90 * told.predictive_sd
         low, high = np.clip([told.mean - room, told.mean + room], *LIMITS[before.parameter])
         source = (
             f"Random effects over {', '.join(v.site for v in own)}: mean {told.mean:.3g} (standard "
@@ -484,19 +454,17 @@ def spread_of_sites(
 
 
 def site_values(task: CalibrationTask, found: Calibrated) -> tuple[SiteValue, ...]:
-    """Return values that the rocks of each single site leave, and their standard errors.
-
-    What the rocks do not identify scatters over its range.
-    """
-    prior, out = Prior.of(task.parameters), []
+    """Return values that the rocks of each single site leave, and their standard errors."""
+    out = []
     for k, (site, told) in enumerate(zip(task.sites, found.told, strict=True)):
         rng = np.random.default_rng([task.seed, 11, k])
-        shares = prior.shares(rng.multivariate_normal(*told.estimate(_NO_PRIOR), _SAMPLES))
+        drawn = rng.multivariate_normal(*told.estimate(NO_PRIOR), SITE_SAMPLES)
+        shares = prior_shares(task.parameters, drawn)
         met = classes_met(site.case)
         for j, p in enumerate(task.parameters):
             if p.class_name in met:
                 values = p.value(shares[:, j])
-                error = max(float(values.std()), _LEAST_ERROR * (p.limits.high - p.limits.low))
+                error = max(float(values.std()), LEAST_VALUE_ERROR * (p.limits.high - p.limits.low))
                 value = float(values.mean())
                 out.append(SiteValue(site.name, p.class_name, p.name, value, error, site.n_rocks))
     return tuple(out)

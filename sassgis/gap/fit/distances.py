@@ -24,17 +24,14 @@ import math
 import warnings
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
-from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy import stats
 from scipy.spatial.distance import cdist
 
+from sassgis.gap.constants import FOLDS
 from sassgis.grid import FloatArray, IntArray
-
-#: Parts into which the rocks are split.
-FOLDS = 5
 
 
 def _rows_by_rock(rock: IntArray) -> list[IntArray]:
@@ -43,31 +40,21 @@ def _rows_by_rock(rock: IntArray) -> list[IntArray]:
 
 
 def bootstrap_rows(rock: IntArray, draws: int, rng: np.random.Generator) -> Iterator[IntArray]:
-    """Yield rows of bootstrap samples in which whole rocks are drawn with replacement.
-
-    A rock drawn twice brings its rows twice. ``rock``: of each row, shape (n,).
-    """
+    """Yield rows of samples of whole rocks, drawn with replacement; ``rock``: of each row, (n,)."""
     rows = _rows_by_rock(rock)
     for _ in range(draws):
         yield np.concatenate([rows[k] for k in rng.integers(len(rows), size=len(rows))])
 
 
 def times_drawn(unit: IntArray, rng: np.random.Generator, samples: int) -> FloatArray:
-    """Count how often each rock is in bootstrap samples of units, shape (samples, n_rocks).
-
-    ``unit``: of each rock, shape (n_rocks,), numbered from 0.
-    """
+    """Count how often samples of units (numbered from 0) hold each rock, (samples, n_rocks)."""
     n = int(unit.max()) + 1
     times = rng.multinomial(n, np.full(n, 1.0 / n), size=samples)
     return np.asarray(times[:, unit], np.float64)
 
 
 def folds_of(group: IntArray, seed: int) -> IntArray:
-    """Return the part of each rock for cross-validation, shape (n_rocks,).
-
-    Rocks of a ``group`` (block, day, source; shape (n_rocks,)) come into the same part. A single
-    group is split.
-    """
+    """Return the part of each rock for cross-validation; a single group is split, (n_rocks,)."""
     rng = np.random.default_rng([seed, 21])
     groups, unit = np.unique(group, return_inverse=True)
     if groups.size == 1:
@@ -106,27 +93,11 @@ def bootstrap_interval(
     *,
     draws: int,
     rng: np.random.Generator,
-    method: Literal["percentile", "BCa"] = "BCa",
 ) -> Interval:
-    """Return 95 % interval of a statistic by resampling rocks (``scipy.stats.bootstrap``).
+    """Return the 95 % interval of a statistic of rows by resampling rocks (scipy's bootstrap).
 
-    What is resampled are the numbers of the rocks; each brings all its rows.
-
-    Parameters
-    ----------
-    statistic : callable
-        Takes rows (int64; repeated ones count as often) and returns a number.
-    rock : int64, shape (n,)
-        Rock of each row.
-    method : {"percentile", "BCa"}
-        ``BCa`` corrects the percentiles for bias and skewness by a jackknife over rocks (B. Efron,
-        1987, Better bootstrap confidence intervals, J. Am. Stat. Assoc. 82, 171-185).
-
-    Returns
-    -------
-    Interval
-        Limits are NaN if there are fewer than two rocks. With fewer than about twenty the interval
-        is too narrow: the coverage of 95 % intervals is then nearer to 90 %.
+    Percentiles; each rock brings all its rows; ``rock``: of each, (n,). Limits are NaN of fewer
+    than two rocks; of fewer than about twenty the coverage is nearer to 90 %.
     """
     value = float(statistic(np.arange(np.size(rock), dtype=np.int64)))
     rows = _rows_by_rock(rock)
@@ -140,7 +111,7 @@ def bootstrap_interval(
             lambda drawn: statistic(np.concatenate([rows[i] for i in drawn])),
             n_resamples=draws,
             vectorized=False,
-            method=method,
+            method="percentile",
             rng=rng,
         ).confidence_interval
     return Interval(value, float(found.low), float(found.high))
@@ -157,27 +128,17 @@ def mean_interval(values: FloatArray) -> Interval:
 
 
 def energy_scores(observed: FloatArray, replicas: NDArray[np.floating]) -> FloatArray:
-    """Return energy score of each observation against its replicas: E|Y − y| − ½ E|Y − Y'|.
+    """Return energy score of each observation against its replicas: E|Y − y| − ½ E|Y − Y'|, (n,).
 
-    Strictly proper: it is smallest, in the mean, for the distribution that nature draws from
-    (T. Gneiting and A. E. Raftery, 2007, Strictly proper scoring rules, prediction, and estimation,
-    J. Am. Stat. Assoc. 102, 359-378, equation 22). In one dimension it is the CRPS. Pairs of a
-    replica with itself are left out, so that the expected score does not depend on their number
-    (C. A. T. Ferro, 2014, Fair scores for ensemble forecasts, Q. J. R. Meteorol. Soc. 140,
-    1917-1923).
+    Strictly proper: it is smallest, in the mean, for the distribution that nature draws from (T.
+    Gneiting and A. E. Raftery, 2007, Strictly proper scoring rules, prediction, and estimation, J.
+    Am. Stat. Assoc. 102, 359-378, equation 22). In one dimension it is the CRPS. Pairs of a replica
+    with itself are left out, so that the expected score does not depend on their number (C. A. T.
+    Ferro, 2014, Fair scores for ensemble forecasts, Q. J. R. Meteorol. Soc. 140, 1917-1923).
 
-    Parameters
-    ----------
-    observed : float64, shape (n, p)
-        In units that count alike; NaN where not measured: left out, distances are stretched.
-    replicas : float, shape (m, n, p)
-        One that lacks a quantity of the observation is left out: encode what did not happen as a
-        separate coordinate first.
-
-    Returns
-    -------
-    float64, shape (n,)
-        NaN where nothing was measured or fewer than two replicas remain.
+    ``observed``: shape (n, p), in units that count alike, NaN where not measured: distances are
+    stretched. ``replicas``: shape (m, n, p); one that lacks an observed quantity is left out. NaN
+    where nothing was measured or fewer than two replicas remain.
     """
     known = np.isfinite(observed)
     seen = np.where(known, observed, 0.0)

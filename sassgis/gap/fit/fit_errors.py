@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from sassgis.gap.causes.cause import HARD
+from sassgis.gap.constants import COMPARED_QUANTILES, ERROR_SAMPLES, FAR_DEVIATIONS
 from sassgis.gap.fit.distances import (
     Interval,
     bootstrap_interval,
@@ -21,10 +22,6 @@ from sassgis.gap.fit.site_data import SiteData
 from sassgis.gap.residuals.rock_residuals import mean_of_draws
 from sassgis.grid import FloatArray
 from sassgis.settings.languages import phrase
-
-#: Shares of the rocks whose quantiles are compared.
-SHARES = (0.1, 0.5, 0.9)
-_DRAWS = 999
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,10 +53,7 @@ class TableScore:
 def table_scores(
     site: SiteData, models: Mapping[str, Mapping[str, FloatArray]]
 ) -> tuple[TableScore, ...]:
-    """Return scores by table.
-
-    ``models``: those "before", "after", "left out", shape (n_rocks,) each.
-    """
+    """Return scores by table of the models before, after, left out, shape (n_rocks,) each."""
     found = []
     for table in models["before"]:
         own = {name: np.nan_to_num(scores[table]) for name, scores in models.items()}
@@ -71,10 +65,7 @@ def table_scores(
 
 
 def paired_gain(before: FloatArray, left_out: FloatArray) -> Interval:
-    """Compute the mean paired difference over the mean score before, with Student's interval.
-
-    Units of which nothing is scored have no score and do not count.
-    """
+    """Return the mean paired difference over the mean before; units without scores do not count."""
     known = (before != 0.0) | (left_out != 0.0)
     whole = float(before[known].mean()) if known.any() else float("nan")
     return mean_interval((before - left_out)[known] / whole)
@@ -103,10 +94,7 @@ _NAMES = {
 def quantity_errors(
     site: SiteData, models: Mapping[str, Mapping[str, FloatArray]], seed: int
 ) -> tuple[QuantityErrors, ...]:
-    """Return errors in every scored quantity.
-
-    ``models``: replicas "before", "after" and "left out" by quantity, shape (count, n_rocks) each.
-    """
+    """Return errors of replicas before, after and left out: by quantity, (count, n_rocks) each."""
     found = []
     for name in site.quantities:
         place, _, what = name.partition(":")
@@ -138,12 +126,12 @@ def _errors(
     finite = {k: v[np.isfinite(v)] for k, v in drawn.items()}
 
     def centre(values: FloatArray) -> float:
-        low, middle, high = quantiles_of(values, SHARES)
+        low, middle, high = quantiles_of(values, COMPARED_QUANTILES)
         return float(high - low if width else middle)
 
     inverse = bootstrap_interval(
         lambda i: 1.0 / max(centre(own[i]), 1e-9),
-        np.arange(own.size), draws=_DRAWS, rng=rng, method="percentile",
+        np.arange(own.size), draws=ERROR_SAMPLES, rng=rng,
     )  # fmt: skip
 
     def error(simulated: float) -> Interval:
@@ -151,15 +139,15 @@ def _errors(
         return Interval(*(simulated * one - 1.0 for one in limits))
 
     def quantiles(values: FloatArray) -> tuple[float, ...]:
-        return tuple(quantiles_of(values, SHARES).tolist())
+        return tuple(quantiles_of(values, COMPARED_QUANTILES).tolist())
 
     gain = scores["before"] - scores["left out"]
     return QuantityErrors(
-        title, unit, rocks.size, quantiles(own),
-        {k: quantiles(v) for k, v in finite.items()},
-        {k: float(mean_of_draws(v, least=1)) for k, v in scores.items()},
-        {k: error(centre(v)) for k, v in finite.items()},
-        mean_interval(gain[np.isfinite(gain)]),
+        name=title, unit=unit, rocks=rocks.size, observed=quantiles(own),
+        quantiles={k: quantiles(v) for k, v in finite.items()},
+        crps={k: float(mean_of_draws(v, least=1)) for k, v in scores.items()},
+        median_error={k: error(centre(v)) for k, v in finite.items()},
+        gain=mean_interval(gain[np.isfinite(gain)]),
     )  # fmt: skip
 
 
@@ -175,8 +163,6 @@ _AT_LIMIT = {
     "low": "{} is at the low limit of the search ({}). The model may lack an effect.",
     "high": "{} is at the high limit of the search ({}). The model may lack an effect.",
 }
-#: Standard deviations between sites from which on a value is far from the configured one.
-_FAR = 2.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -191,17 +177,22 @@ class CalibrationFinding:
 def findings_of(
     fitted: Sequence[Fitted], gains: Mapping[str, Interval]
 ) -> tuple[CalibrationFinding, ...]:
-    """Return values at a limit, against the order of the ground, far from what was configured.
-
-    And sites of which the ``gains`` on rocks left out do not clear zero.
-    """
+    """Return values at a limit, against the order of the ground, far off; unsure gains."""
     text = "{}: {}; the gain may be chance."
     small = [
         CalibrationFinding("gain", (), phrase(text, site, gain_text(gain)))
         for site, gain in gains.items()
         if not gain.low > 0.0
     ]
-    return (*_at_limits(fitted), *_against_order(fitted), *_far(fitted), *small)
+    limits = [
+        CalibrationFinding(
+            "limit", (f.parameter.label,),
+            phrase(_AT_LIMIT[f.limit], f.parameter.label, f"{f.value:.3g}"),
+        )
+        for f in fitted
+        if f.limit
+    ]  # fmt: skip
+    return (*limits, *_against_order(fitted), *_far(fitted), *small)
 
 
 def gain_text(gain: Interval) -> str:
@@ -209,18 +200,6 @@ def gain_text(gain: Interval) -> str:
     ends = (gain.value, gain.low, gain.high)
     text = "on rocks left out the fitted classes gain {} % ({} to {}) of the score"
     return phrase(text, *(f"{100.0 * v:.1f}".replace("-", "−") for v in ends))
-
-
-def _at_limits(fitted: Sequence[Fitted]) -> list[CalibrationFinding]:
-    return [
-        CalibrationFinding(
-            "limit",
-            (f.parameter.label,),
-            phrase(_AT_LIMIT[f.limit], f.parameter.label, f"{f.value:.3g}"),
-        )
-        for f in fitted
-        if f.limit
-    ]
 
 
 def _against_order(fitted: Sequence[Fitted]) -> list[CalibrationFinding]:
@@ -250,7 +229,7 @@ def _far(fitted: Sequence[Fitted]) -> list[CalibrationFinding]:
     )
     for f in fitted:
         apart = abs(f.share - f.parameter.start) / f.parameter.sd
-        if apart > _FAR:
+        if apart > FAR_DEVIATIONS:
             label, configured = f.parameter.label, f"{f.parameter.configured:.3g}"
             said = phrase(text, label, f"{f.value:.3g}", f"{apart:.1f}", configured)
             found.append(CalibrationFinding("far", (label,), said))

@@ -17,6 +17,22 @@ from scipy.special import ndtr, ndtri
 
 from sassgis.gap.causes.all_causes import CAUSES, FAMILIES
 from sassgis.gap.causes.cause import ParameterDraws, rounded
+from sassgis.gap.constants import (
+    AS_GOOD_FACTOR,
+    AS_GOOD_MORE,
+    CHOSEN_COUNT,
+    CHOSEN_NUMBER,
+    DRAW_COUNT,
+    FIT_ROUNDS,
+    GROUND_BOUNDS,
+    GROUND_WIDTHS,
+    LOOK_COUNT,
+    NAMING_DRAWS,
+    PARAMETER_SAMPLES,
+    ROTATION_FACTORS,
+    ROTATION_NOISES,
+    SIDEWAYS_FACTORS,
+)
 from sassgis.gap.diagnosis import Range
 from sassgis.gap.fit.distances import Interval, RockDistances, bootstrap_interval
 from sassgis.gap.fit.identifiability import TradeOff, trade_offs
@@ -31,31 +47,8 @@ from sassgis.settings.ground_ranges import with_values
 from sassgis.settings.schema import highest
 from sassgis.settings.settings import EngineSettings
 
-#: Half widths of the ranges in which the ground is calibrated: as far as the published values of
-#: one kind of ground lie apart.
-GROUND_WIDTHS: Mapping[str, float] = {
-    "eta_max": 0.09,
-    "mu_f": 0.10,
-    "mu_0": 0.08,
-    "restitution": 0.15,
-}
-_BOUNDS = {
-    "eta_max": (0.05, 0.95),
-    "mu_f": (0.05, 2.0),
-    "mu_0": (0.02, 2.0),
-    "restitution": (0.0, 0.95),
-}
-#: Factors on the configured sideways tilt and drift of followed paths between which they are free:
-#: wider, and the base follows what deflects blocks.
-_SIDEWAYS = (1.0 / 3.0, 3.0)
-#: Rotations at stations over those of a block that turns in the plane of its path, and their
-#: scatter: others turn about an axis that moves, and roll on corners. Of spins at contacts, which
-#: are those about the axis across the path, factor and scatter are learned from the contacts.
-_SPIN, _SPIN_NOISE = (0.65, 1.0 / 0.65), (0.02, 0.8)
 #: Answers besides the families.
 NONE, UNKNOWN, CONTACT_LAW = "none", "unknown", "contact_law"
-#: Draws of each round of a calibration, and rounds.
-DRAWS, ROUNDS = 32, 6
 
 
 @dataclass(frozen=True, slots=True)
@@ -69,10 +62,7 @@ class Draw:
 
 
 def draw(case: Case, families: tuple[str, ...], parameter_draws: ParameterDraws) -> Draw:
-    """Return the base model, its ground calibrated anew, with effects.
-
-    ``families``: none, one or more; "contact_law" is one of them here.
-    """
+    """Return the base model, its ground calibrated anew, with effects (also the contact law)."""
     table, ground = _calibrated(case, parameter_draws)
     engine = _engine_keys(case, parameter_draws)
     error: dict[str, float] = {}
@@ -80,8 +70,8 @@ def draw(case: Case, families: tuple[str, ...], parameter_draws: ParameterDraws)
     if case.learned is not None:
         error |= {"spin_scale": case.learned.spin_scale, "spin_noise": case.learned.spin_noise}
     if np.isfinite(case.observations.passages.rotation_hz).any():
-        scale = parameter_draws.log("rotation_factor", *_SPIN)
-        noise = parameter_draws.log("rotation_noise", *_SPIN_NOISE)
+        scale = parameter_draws.log("rotation_factor", *ROTATION_FACTORS)
+        noise = parameter_draws.log("rotation_noise", *ROTATION_NOISES)
         turning = {"rotation_factor": scale, "rotation_noise": noise}
         error |= {"rotation_scale": scale, "rotation_noise": noise}
     model = HypothesisModel(
@@ -111,7 +101,7 @@ def _engine_keys(case: Case, parameter_draws: ParameterDraws) -> dict[str, float
     if case.terrain is not None:
         for key in ("side_tilt_deg", "drift_deg"):
             middle = max(float(getattr(case.engine, key)), 1.0)
-            drawn[key] = parameter_draws.log(key, *(factor * middle for factor in _SIDEWAYS))
+            drawn[key] = parameter_draws.log(key, *(factor * middle for factor in SIDEWAYS_FACTORS))
     if rolling := case.engine.resolved().rolling_friction_sd:
         key = "rolling_friction_sd"
         drawn[key] = parameter_draws.uniform(key, 0.0, 2.0 * rolling)
@@ -128,7 +118,7 @@ def _calibrated(
     for ground in case.table.classes:
         for name in names if ground.name in met else ():
             width = GROUND_WIDTHS[name] * case.ground_range
-            low, high = _BOUNDS[name]
+            low, high = GROUND_BOUNDS[name]
             shift = parameter_draws.uniform(f"{ground.name}.{name}", -width, width)
             shifted = float(getattr(ground, name)) + shift
             values[ground.name, name] = rounded(min(max(shifted, low), high))
@@ -139,21 +129,6 @@ def families_to_try(case: Case) -> tuple[str, ...]:
     """Return families that are not switched on in the configuration already."""
     on = set(case.effects.names)
     return tuple(name for name in FAMILIES if name not in on)
-
-
-#: Campaigns of each model that is chosen, and the number that they have: the same for all
-#: hypotheses, so that what differs between these is not luck.
-FRESH, CHOSEN = 6, 3900
-#: Number of the campaigns of the configured model.
-CONFIGURED_NUMBER = 3990
-#: Campaigns of a draw, and of a step that is looked at.
-COUNT, LOOKED = 2, 5
-#: Draws of which the names of the parameters are taken.
-_NAMED_BY = 64
-#: Samples of which the values of parameters are computed.
-_SAMPLES = 200
-#: By how much the distance may be larger with the ground back at its configured values.
-_AS_GOOD = (1.1, 0.01)
 
 
 def families_of(effect: str) -> tuple[str, ...]:
@@ -187,7 +162,7 @@ def space_of(
     """List a hypothesis's parameters, with the choices of some shares, and those that are held."""
     rng = np.random.default_rng(0)
     names: dict[str, bool] = {}
-    for _ in range(_NAMED_BY):
+    for _ in range(NAMING_DRAWS):
         own = ParameterDraws(rng)
         draw(case, families_of(effect), own)
         names |= {name: name in own.smooth for name in own.used}
@@ -222,7 +197,7 @@ def see(summary: SiteSummary, task: HypothesisDraw) -> Seen:
     distance = np.nan
     if problem.scale.names:
         distance = RockDistances.of(problem.rows, rows).value()
-    return numbers, distance
+    return Seen(numbers, distance)
 
 
 @dataclass(frozen=True, slots=True)
@@ -283,12 +258,9 @@ class FittedHypothesis:
         return [draw_of(case, self.effect, self.space.shares(at)) for at in drawn]
 
     def intervals(self, case: Case) -> Mapping[str, Range]:
-        """Return 95 % intervals of the parameters as they are reported.
-
-        What is handed over is within.
-        """
+        """Return 95 % intervals of the reported parameters, with what is handed over in them."""
         chosen = self.handed_over.draw.parameters
-        found = [chosen, *(one.parameters for one in self.samples(case, _SAMPLES))]
+        found = [chosen, *(one.parameters for one in self.samples(case, PARAMETER_SAMPLES))]
         out = {}
         for name, value in chosen.items():
             low, high = np.quantile([f[name] for f in found if name in f], [0.025, 0.975])
@@ -344,7 +316,7 @@ def fit_hypothesis(
             for own in without
         ]
         at.append(_keeping_configured(space, found, trials))
-    tasks = [HypothesisDraw(effect, space.shares(one), CHOSEN, FRESH) for one in at]
+    tasks = [HypothesisDraw(effect, space.shares(one), CHOSEN_NUMBER, CHOSEN_COUNT) for one in at]
     return FittedHypothesis(space, found, tuple(run(run_chosen, tasks)))
 
 
@@ -353,10 +325,12 @@ def _keeping_configured(
 ) -> FloatArray:
     """Find the best parameters with the ground as configured where the rocks ask for no more."""
     back = found.given(space.of_ground & ~found.asked)
-    distances = [d for _, d in trials([Trial(0, at, LOOKED) for at in (found.best, back)])]
-    factor, more = _AS_GOOD
+    distances = [
+        seen.distance for seen in trials([Trial(0, at, LOOK_COUNT) for at in (found.best, back)])
+    ]
     # Below zero is chance.
-    return back if distances[1] <= factor * max(distances[0], 0.0) + more else found.best
+    enough = AS_GOOD_FACTOR * max(distances[0], 0.0) + AS_GOOD_MORE
+    return back if distances[1] <= enough else found.best
 
 
 def gain_of(
@@ -372,7 +346,6 @@ def gain_of(
         group[known],
         draws=999,
         rng=rng,
-        method="percentile",
     )
 
 
@@ -386,7 +359,7 @@ class HypothesisFits:
     def __init__(self, summary: SiteSummary, run: RunTasks, draws: int) -> None:
         self.summary, self.run = summary, run
         self.fits: dict[str, FittedHypothesis] = {}
-        self._budget = FitBudget(ROUNDS, draws, COUNT, LOOKED)
+        self._budget = FitBudget(FIT_ROUNDS, draws, DRAW_COUNT, LOOK_COUNT)
 
     @property
     def problem(self) -> SiteData:

@@ -10,27 +10,21 @@ import numpy as np
 from scipy.stats import norm
 from scipy.stats import t as student
 
+from sassgis.gap.constants import (
+    AT_LIMIT_SHARE,
+    CONTRADICTING_LOSS,
+    CONTRADICTING_SHARE,
+    CORRELATED,
+    NARROWER,
+    NEAR_LIMIT,
+    OUTERMOST,
+    POSTERIOR_SAMPLES,
+    SHOWN_COMBINATIONS,
+    WEAK_PRIOR,
+)
 from sassgis.gap.fit.linear_fit import LinearFit, bounded
-from sassgis.gap.fit.parameters import ClassParameter, Prior
+from sassgis.gap.fit.parameters import ClassParameter, prior_shares
 from sassgis.grid import FloatArray
-
-#: A parameter is identified if its interval is narrower than this share of that of the prior.
-_NARROWER = 0.7
-#: A limit is met where this share of the posterior lies in the outermost part of the range.
-_AT_LIMIT, _OUTERMOST = 0.25, 0.05
-#: A value this near to a limit lies there, however little is known of it.
-_LAST = 0.005
-#: Correlations of the posterior from here on are stated as trade-offs.
-_CORRELATED = 0.4
-#: Combinations that are shown.
-_SHOWN = 6
-#: Samples of the posterior, and of the chance of sites that do not contradict each other.
-_SAMPLES = 2000
-#: Precision of the prior where the observations alone are to speak: two and a half times as wide.
-_NEXT_TO_NONE = 0.16
-#: Sites contradict each other if what their numbers leave at common parameters is more than in
-#: this share of samples of chance, and costs at least this share of their score.
-_CHANCE, _WORSE = 0.99, 0.02
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,9 +52,8 @@ class Told:
     def estimate(self, prior: float = 1.0) -> tuple[FloatArray, FloatArray]:
         """Return parameters, shape (d,), and their covariance, with a prior of this precision.
 
-        The covariance is that of the error of a linear estimate whose weights need not be the best
-        ones (the sandwich of White 1982, Econometrica 50, 1-25): the weights are those of
-        independent numbers.
+        That of a linear estimate with the weights of independent numbers, which need not be the
+        best ones (the sandwich of White 1982, Econometrica 50, 1-25).
         """
         own = prior * np.eye(self.best.size)
         gain = np.linalg.inv(self.precision + own)
@@ -103,8 +96,8 @@ def together(sites: Sequence[Told]) -> Told:
 def small_sample_factor(n: int) -> float:
     """Return by how much few rocks drawn anew scatter too little, as a ratio of variances.
 
-    Rocks that are drawn anew scatter by (n − 1)/n of the variance of a mean, and an interval from n
-    of them needs Student's instead of the normal quantile.
+    They scatter by (n − 1)/n of the variance of a mean, and an interval from n of them needs
+    Student's instead of the normal quantile.
     """
     n = max(n, 2)
     wider = student.ppf(0.975, n - 1) / norm.ppf(0.975)
@@ -122,16 +115,17 @@ class Posterior:
     excess: FloatArray  # shape (n,); twice the logarithmic likelihood that samples lack to the best
 
 
-def posterior_of(prior: Prior, told: Told, seed: int) -> Posterior:
+def posterior_of(parameters: Sequence[ClassParameter], told: Told, seed: int) -> Posterior:
     """Sample the posterior, which is normal in parameters of which the prior is standard normal."""
     rng = np.random.default_rng([seed, 7])
     best, covariance = told.estimate()
-    samples = rng.multivariate_normal(best, covariance, _SAMPLES)
-    alone = rng.multivariate_normal(*told.estimate(_NEXT_TO_NONE), _SAMPLES)
+    samples = rng.multivariate_normal(best, covariance, POSTERIOR_SAMPLES)
+    alone = rng.multivariate_normal(*told.estimate(WEAK_PRIOR), POSTERIOR_SAMPLES)
     off = samples - best
     return Posterior(
-        prior.shares(best), prior.shares(samples), prior.shares(alone),
-        covariance, ((off @ told.precision) * off).sum(axis=1),
+        best=prior_shares(parameters, best), samples=prior_shares(parameters, samples),
+        of_numbers=prior_shares(parameters, alone), covariance=covariance,
+        excess=((off @ told.precision) * off).sum(axis=1),
     )  # fmt: skip
 
 
@@ -155,36 +149,38 @@ def fitted_parameters(
     """Return values, intervals, and what the observations identify."""
     found = []
     usual = norm.ppf([[0.025], [0.975]]) * np.ones(len(parameters))
-    before = Prior.of(parameters).shares(usual)
+    before = prior_shares(parameters, usual)
     for k, parameter in enumerate(parameters):
         own = posterior.samples[:, k]
         low, high = np.quantile(own, [0.025, 0.975])
         narrowed = float((high - low) / (before[1, k] - before[0, k]))
-        identified = narrowed < _NARROWER
+        identified = narrowed < NARROWER
         share = float(posterior.best[k])
         limit = ""
         for name, end in (("low", 0.0), ("high", 1.0)):
             # What was configured there has not gone there.
-            went = abs(parameter.start - end) > _OUTERMOST
-            lies = identified and np.mean(np.abs(own - end) < _OUTERMOST) > _AT_LIMIT
-            if went and (lies or abs(share - end) < _LAST):
+            went = abs(parameter.start - end) > OUTERMOST
+            lies = identified and np.mean(np.abs(own - end) < OUTERMOST) > AT_LIMIT_SHARE
+            if went and (lies or abs(share - end) < NEAR_LIMIT):
                 limit = name
         value = float(parameter.value(share))
         ends = parameter.value(np.array([low, high]))
         # The best value lies within its interval, also where the interval ends at a limit.
         least, most = min(float(ends[0]), value), max(float(ends[1]), value)
-        found.append(Fitted(parameter, share, value, least, most, identified, narrowed, limit))
+        found.append(Fitted(
+            parameter=parameter, share=share, value=value, low=least, high=most,
+            identified=identified, narrowed=narrowed, limit=limit,
+        ))  # fmt: skip
     return tuple(found)
 
 
 def identified_combinations(covariance: FloatArray) -> int:
     """Return the number of combinations of the parameters that the observations identify.
 
-    Where two parameters can make up for each other, neither is identified by itself, yet a
-    combination of both is: a direction in which the posterior, shape (d, d), is clearly narrower
-    than the prior, which is standard normal.
+    Directions in which the posterior, shape (d, d), is clearly narrower than the standard normal
+    prior: of two parameters that make up for each other neither is identified by itself.
     """
-    return int((np.sqrt(np.maximum(np.linalg.eigvalsh(covariance), 0.0)) < _NARROWER).sum())
+    return int((np.sqrt(np.maximum(np.linalg.eigvalsh(covariance), 0.0)) < NARROWER).sum())
 
 
 @dataclass(frozen=True, slots=True)
@@ -203,19 +199,16 @@ def trade_offs(labels: Sequence[str], covariance: FloatArray) -> tuple[TradeOff,
     pairs = [
         TradeOff(labels[i], labels[j], float(r[i, j]))
         for i, j in itertools.combinations(range(sd.size), 2)
-        if abs(r[i, j]) >= _CORRELATED
+        if abs(r[i, j]) >= CORRELATED
     ]
     return tuple(sorted(pairs, key=lambda t: -abs(t.correlation)))
 
 
 def as_good(posterior: Posterior) -> FloatArray:
-    """Return combinations that fit as well as the best, as far apart as possible, shape (n, d).
-
-    By only the observations they are among the better half of the posterior.
-    """
+    """Return combinations that fit as well as the best, as far apart as possible, shape (n, d)."""
     good = posterior.samples[posterior.excess <= np.quantile(posterior.excess, 0.5)]
     chosen = [posterior.best]
-    for _ in range(_SHOWN):
+    for _ in range(SHOWN_COMBINATIONS):
         apart = np.min([((good - c) ** 2).sum(axis=1) for c in chosen], axis=0)
         chosen.append(good[int(np.argmax(apart))])
     return np.array(chosen[1:])
@@ -226,9 +219,8 @@ def classes_alike(
 ) -> tuple[tuple[str, str], ...]:
     """Return pairs of classes that the observations cannot distinguish.
 
-    Two classes are distinguished if the 95 % interval of the difference of one of their parameters,
-    corrected for the number of parameters, does not contain zero. The interval is that with next to
-    no prior, which sets classes apart that no rock has distinguished.
+    The 95 % interval of the difference of one of their parameters, corrected for their number, with
+    next to no prior, contains zero for each.
     """
     names = list(dict.fromkeys(p.class_name for p in parameters))
     alike = []
@@ -251,15 +243,13 @@ def contradicting(
     """Return whether the common parameters are worse for sites than chance explains, and by much.
 
     ``common``, ``own_best``: mean scores of the rocks of each site at the common parameters, and at
-    the best ones of the site.
-
-    What is compared with chance is by how much separate parameters would fit the numbers of the
-    sites better than common ones; chance draws the pulls of the sites anew about none.
+    its best ones. Compared with chance is by how much separate parameters would fit the numbers
+    better; chance draws the pulls of the sites anew about none.
     """
     worse = sum(one - other for one, other in zip(common, own_best, strict=True))
-    if len(sites) < 2 or worse <= _WORSE * sum(own_best):
+    if len(sites) < 2 or worse <= CONTRADICTING_LOSS * sum(own_best):
         return False
-    own = [site.precision + _NEXT_TO_NONE * np.eye(site.best.size) for site in sites]
+    own = [site.precision + WEAK_PRIOR * np.eye(site.best.size) for site in sites]
 
     def bettered(pulls: Sequence[FloatArray]) -> FloatArray:
         """Return twice the logarithmic likelihood, from pulls of shape (n, d) by site."""
@@ -268,8 +258,10 @@ def contradicting(
 
     rng = np.random.default_rng([seed, 9])
     zero = np.zeros(sites[0].best.size)
-    chance = bettered([rng.multivariate_normal(zero, s.scatter, _SAMPLES) for s in sites])
-    return bool(bettered([s.pull[None] for s in sites])[0] > np.quantile(chance, _CHANCE))
+    chance = bettered([rng.multivariate_normal(zero, s.scatter, POSTERIOR_SAMPLES) for s in sites])
+    return bool(
+        bettered([s.pull[None] for s in sites])[0] > np.quantile(chance, CONTRADICTING_SHARE)
+    )
 
 
 def _squared(precision: FloatArray, pulls: FloatArray) -> FloatArray:

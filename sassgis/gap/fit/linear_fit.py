@@ -14,10 +14,32 @@ from __future__ import annotations
 import warnings
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 from scipy.stats import qmc
 
+from sassgis.gap.constants import (
+    ASKED_DEVIATIONS,
+    FARTHEST_ERRORS,
+    FIRST_RADIUS,
+    FIT_LIMIT,
+    LAST_SPREAD,
+    LEAST_NUMBER_ERROR,
+    LEFT_AS_ERROR,
+    LOOK_NUMBER,
+    MOST_TURN_DEG,
+    NARROWER,
+    NUMBER_IMPACTS,
+    NUMBER_ROCKS,
+    NUMBER_SAMPLES,
+    RADIUS_FARTHER,
+    RADIUS_KEPT,
+    RADIUS_NOT_KEPT,
+    SLOPE_RIDGE,
+    STEP_ATTEMPTS,
+    SURE_SAMPLES,
+)
 from sassgis.gap.fit.distances import times_drawn
 from sassgis.gap.fit.site_data import SiteData, model_rows, outcomes_of, rows_of
 from sassgis.gap.forward.hypothesis_model import HypothesisModel
@@ -25,16 +47,6 @@ from sassgis.gap.forward.observation_operator import campaigns, rock_quantities
 from sassgis.gap.observations.campaign import ImpactRows
 from sassgis.gap.residuals.impact_residuals import ImpactsInFlight
 from sassgis.grid import BoolArray, FloatArray
-
-#: Rocks, and impacts on a class of ground, that a number must rest on.
-_FEWEST, _FEWEST_IMPACTS = 3.0, 15
-#: Bootstrap samples, and the least standard error of a number, in scatters of the rocks.
-_SAMPLES, _LEAST = 150, 0.03
-#: Only ground is calibrated on numbers that this share of the samples have: of fewer rocks than
-#: about eight the errors are not known.
-_SURE = 0.99
-#: Larger turns at impacts count as this: slow rocks turn anywhere.
-_MOST_TURN_DEG = 45.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -92,11 +104,7 @@ class SiteSummary(ObservedNumbers):
     def misfits(
         self, model: HypothesisModel, number: int, count: int, weights: FloatArray
     ) -> FloatArray:
-        """Return observed less simulated numbers of rocks with weights, in standard errors.
-
-        What rocks differ in by themselves, as their release points, is the same in both. From
-        ``weights`` of shape (n, n_rocks), shape (n, number of used ones).
-        """
+        """Return observed less simulated numbers, in errors, of weighted rocks: (n, used ones)."""
         made = self._campaigns(model, number, count)
         simulated = [self._numbers(*made, own) for own in weights]
         seen = [self.of_rocks(own) for own in weights]
@@ -125,17 +133,14 @@ class SiteSummary(ObservedNumbers):
         recorded: Sequence[ImpactRows | None],
         weights: FloatArray | None = None,
     ) -> FloatArray:
-        """Compute the numbers of rows (m, n_rocks, 2 k) and outcomes of observed impacts (n, m, 3).
-
-        And of the turns at the impacts of each campaign, as they were recorded.
-        """
+        """Compute the numbers of rows (m, n_rocks, 2 k), outcomes (n, m, 3) and recorded turns."""
         size, impacts = self.size, self.problem.impacts
         weight = np.ones(self.problem.n_rocks) if weights is None else weights
         parts = [self._of_rows(rows, weight)]
         if impacts is not None:
             for kind in np.unique(impacts.kind).tolist():
                 own = np.flatnonzero(impacts.kind == kind)
-                if own.size >= _FEWEST_IMPACTS:
+                if own.size >= NUMBER_IMPACTS:
                     chosen = impacts.take(own)
                     by_rock = weight[chosen.rock][:, None]
                     parts.append(_of_impacts(chosen, size[chosen.rock], outcomes[own], by_rock))
@@ -144,8 +149,8 @@ class SiteSummary(ObservedNumbers):
             rock = np.concatenate([np.empty(0, np.int64), *(one.rock for one in known)])
             turn = np.concatenate([np.empty(0), *(one.turn_deg for one in known)])
             seen = np.isfinite(turn)
-            turn = np.clip(np.where(seen, turn, 0.0), -_MOST_TURN_DEG, _MOST_TURN_DEG)
-            columns = turn / _MOST_TURN_DEG, seen * weight[rock], size[rock]
+            turn = np.clip(np.where(seen, turn, 0.0), -MOST_TURN_DEG, MOST_TURN_DEG)
+            columns = turn / MOST_TURN_DEG, seen * weight[rock], size[rock]
             parts.append(_moments(*(one[:, None, None] for one in columns)))
         return np.concatenate(parts)
 
@@ -167,24 +172,23 @@ def summary_of(problem: SiteData) -> SiteSummary:
     spread = float(radius.std())
     size = (radius - radius.mean()) / spread if spread > 1e-6 else np.zeros(radius.size)
     none = np.empty(0)
-    blank = SiteSummary(none, none, none > 0.0, problem.units, problem.seed, problem, size)
+    blank = SiteSummary(
+        observed=none, error=none, used=none > 0.0, units=problem.units, seed=problem.seed,
+        problem=problem, size=size,
+    )  # fmt: skip
     observed = blank.of_rocks(np.ones(problem.n_rocks))
     drawn = np.array([blank.of_rocks(weights) for weights in rocks_drawn_anew(problem)])
     known = np.isfinite(drawn)
     used = np.isfinite(observed) & (known.mean(axis=0) > 0.8)
     if not problem.sideways:
-        used &= _of_ground(problem, used.size) & (known.mean(axis=0) > _SURE)
+        used &= _of_ground(problem, used.size) & (known.mean(axis=0) > SURE_SAMPLES)
     filled = np.where(known, drawn, observed)
-    error = np.maximum(np.std(np.where(used, filled, 0.0), axis=0), _LEAST)
+    error = np.maximum(np.std(np.where(used, filled, 0.0), axis=0), LEAST_NUMBER_ERROR)
     return replace(blank, observed=observed, error=error, used=used)
 
 
 def _of_ground(problem: SiteData, p: int) -> BoolArray:
-    """Return numbers that only ground changes: no offsets from fall lines.
-
-    Of impacts neither scatters nor trends with the normal speed: errors of the states before widen
-    what is computed from them, as the observed states after are not.
-    """
+    """Return numbers that only ground changes: no offsets; of impacts means and size trends."""
     names = problem.scale.names
     of_rows = 3 * [not name.endswith(":aside") for name in names]
     of_rows += [True] * sum(name.endswith(":speed") for name in names)
@@ -194,7 +198,7 @@ def _of_ground(problem: SiteData, p: int) -> BoolArray:
 
 def rocks_drawn_anew(problem: SiteData) -> FloatArray:
     """Count how often samples of rocks or groups hold each rock, shape (n, n_rocks)."""
-    return times_drawn(problem.unit, np.random.default_rng([problem.seed, 11]), _SAMPLES)
+    return times_drawn(problem.unit, np.random.default_rng([problem.seed, 11]), NUMBER_SAMPLES)
 
 
 def _of_impacts(
@@ -210,12 +214,9 @@ def _of_impacts(
 
 
 def _moments(values: FloatArray, has: FloatArray, by: FloatArray) -> FloatArray:
-    """Return means, logarithms of scatters, and covariances with ``by``, of the last axis.
-
-    They are NaN for few values.
-    """
+    """Return means, logarithms of scatters, covariances with ``by``, of the last axis; or NaN."""
     total = has.sum(axis=(0, 1))
-    few, total = total < _FEWEST, np.maximum(total, 1e-9)
+    few, total = total < NUMBER_ROCKS, np.maximum(total, 1e-9)
     mean = (values * has).sum(axis=(0, 1)) / total
     off = (values - mean) * has
     spread = np.sqrt(np.maximum((off * (values - mean)).sum(axis=(0, 1)) / total, 1e-4))
@@ -224,28 +225,11 @@ def _moments(values: FloatArray, has: FloatArray, by: FloatArray) -> FloatArray:
     return found
 
 
-#: Parameters are standard normal before any rock is seen, and kept within this.
-_LIMIT = 2.5
-#: Radius of the first draws about the start, and attempts at a step. What the radius is multiplied
-#: with after a step as long as itself, after a shorter one, and after one that is not kept.
-_RADIUS, _ATTEMPTS = 1.2, 2
-_FARTHER, _KEPT, _NOT_KEPT = 1.3, 0.85, 0.6
-#: Standard deviation of the last draws, over that of the remainder.
-_SPREAD = 1.3
-#: Number of the campaigns in which steps are compared: the same luck for all.
-_LOOK = 1
-#: Prior precision of the slopes, and the part of what the linear model leaves that counts as error:
-#: the rest is the chance of single campaigns, which the regression averages.
-_RIDGE, _LEFT = 0.5, 0.5
-#: Numbers that are off by more standard errors count no more than this.
-_FARTHEST = 5.0
-#: A parameter is identified if its standard deviation is below this share of that before; the rocks
-#: ask for another value where the one before is off by so many standard deviations (80 %).
-_NARROWER, _ASKED = 0.7, 1.28
+class Seen(NamedTuple):
+    """What the campaigns of a draw show."""
 
-#: Numbers of a draw, shape (p,), and the energy distance of its campaigns from the observed rocks,
-#: or their mean energy score.
-Seen = tuple[FloatArray, float]
+    numbers: FloatArray  # shape (p,)
+    distance: float  # energy distance from the observed rocks, or their mean energy score
 
 
 @dataclass(frozen=True, slots=True)
@@ -273,7 +257,7 @@ class FitBudget:
     draws: int
     count: int
     looked: int
-    limit: float = _LIMIT
+    limit: float = FIT_LIMIT
     last: int = 0
 
     @property
@@ -284,7 +268,7 @@ class FitBudget:
     @property
     def trials(self) -> int:
         """Draws and steps together, at most."""
-        return 1 + self.rounds * (1 + _ATTEMPTS) + self.tried
+        return 1 + self.rounds * (1 + STEP_ATTEMPTS) + self.tried
 
 
 @dataclass(frozen=True, slots=True)
@@ -301,12 +285,12 @@ class LinearFit:
     @property
     def identified(self) -> BoolArray:
         """Parameters of which the rocks say something by themselves, shape (d,)."""
-        return self.asked | (np.sqrt(np.diag(self.covariance)) < _NARROWER)
+        return self.asked | (np.sqrt(np.diag(self.covariance)) < NARROWER)
 
     @property
     def asked(self) -> BoolArray:
         """Parameters that the rocks do not leave at their values before, shape (d,)."""
-        return np.abs(self.best) > _ASKED * np.sqrt(np.diag(self.covariance))
+        return np.abs(self.best) > ASKED_DEVIATIONS * np.sqrt(np.diag(self.covariance))
 
     def step(self, observed: FloatArray) -> FloatArray:
         """Step from the best parameters to those for some observed numbers, in standard errors."""
@@ -323,29 +307,26 @@ class LinearFit:
             across = self.covariance[np.ix_(free, fixed)]
             within = self.covariance[np.ix_(fixed, fixed)]
             found[free] = self.best[free] - across @ np.linalg.solve(within, self.best[fixed])
-        return np.clip(found, -_LIMIT, _LIMIT)
+        return np.clip(found, -FIT_LIMIT, FIT_LIMIT)
 
 
 def fit_linearly(
     summary: ObservedNumbers, start: FloatArray, run: RunTrials, budget: FitBudget
 ) -> LinearFit:
-    """Calibrate standard normal parameters to a site, or to several sites joined.
-
-    ``start``: where to begin, shape (d,); before any rock is seen all are zero.
-    """
+    """Calibrate standard normal parameters to a site, or to joined ones, from ``start``, (d,)."""
     rng, limit = np.random.default_rng([summary.seed, 13]), budget.limit
     normal = qmc.MultivariateNormalQMC(np.zeros(start.size), np.eye(start.size), rng=rng)
     points, numbers = list[FloatArray](), list[FloatArray]()
 
     def look(at: FloatArray) -> float:
-        (seen,) = run([Trial(_LOOK, at, budget.looked)])
+        (seen,) = run([Trial(LOOK_NUMBER, at, budget.looked)])
         points.append(at)
-        numbers.append(seen[0])
+        numbers.append(seen.numbers)
         return _loss(summary, at, seen)
 
     best = start.copy()
     least = look(best)
-    radius, tried = _RADIUS, _LOOK
+    radius, tried = FIRST_RADIUS, LOOK_NUMBER
     for _ in range(budget.rounds):
         new = np.clip(best + radius * _next(normal, budget.draws), -limit, limit)
         made = run([Trial(tried + 1 + k, at, budget.count) for k, at in enumerate(new)])
@@ -356,20 +337,20 @@ def fit_linearly(
         nearest = new[int(np.argmin(losses))]
         if (loss := look(nearest)) < least:
             best, least = nearest, loss
-        for _ in range(_ATTEMPTS):
+        for _ in range(STEP_ATTEMPTS):
             fit = _linear_model(summary, np.array(points), np.array(numbers), best)
             step = fit.step(summary.in_errors(summary.observed))
             size = float(np.sqrt(np.mean(step**2)))
             at = np.clip(best + step * min(1.0, radius / max(size, 1e-9)), -limit, limit)
             if (loss := look(at)) < least:
                 best, least = at, loss
-                radius *= _FARTHER if size > radius else _KEPT
+                radius *= RADIUS_FARTHER if size > radius else RADIUS_KEPT
                 break
-            radius *= _NOT_KEPT
+            radius *= RADIUS_NOT_KEPT
     fit = _linear_model(summary, np.array(points), np.array(numbers), best)
     if not budget.last:
         return fit
-    spread = _SPREAD * np.linalg.cholesky(fit.covariance)
+    spread = LAST_SPREAD * np.linalg.cholesky(fit.covariance)
     new = np.clip(best + _next(normal, budget.last) @ spread.T, -limit, limit)
     # All have the same luck: what does not act has no slope.
     made = run([Trial(tried + 1, at, budget.looked) for at in new])
@@ -378,7 +359,7 @@ def fit_linearly(
 
 def bounded(off: FloatArray) -> FloatArray:
     """Return observed less simulated numbers as they count, in standard errors."""
-    return np.asarray(np.clip(np.nan_to_num(off), -_FARTHEST, _FARTHEST), np.float64)
+    return np.asarray(np.clip(np.nan_to_num(off), -FARTHEST_ERRORS, FARTHEST_ERRORS), np.float64)
 
 
 def _next(normal: qmc.MultivariateNormalQMC, n: int) -> FloatArray:
@@ -399,7 +380,7 @@ def _loss(summary: ObservedNumbers, at: FloatArray, seen: Seen) -> float:
     if np.isfinite(distance):
         return float(distance + 0.5 * (at @ at) / summary.units)
     off = summary.in_errors(numbers) - summary.in_errors(summary.observed)
-    off = np.clip(np.nan_to_num(off, nan=_FARTHEST), -_FARTHEST, _FARTHEST)
+    off = np.clip(np.nan_to_num(off, nan=FARTHEST_ERRORS), -FARTHEST_ERRORS, FARTHEST_ERRORS)
     return float(np.mean(off**2) + (at @ at) / max(off.size, 1))
 
 
@@ -421,12 +402,12 @@ def _linear_model(
         weight = np.exp(-0.5 * (near / max(float(np.median(near)), 1e-6)) ** 2)
     design = np.column_stack([np.ones(len(points)), points - best])
     d = best.size
-    ridge = np.diag([1e-6, *[_RIDGE] * d])
+    ridge = np.diag([1e-6, *[SLOPE_RIDGE] * d])
     weighted = design.T * weight
     found = np.linalg.solve(weighted @ design + ridge, weighted @ seen)
     left = seen - design @ found
     freedom = max(float(weight.sum()) - min(d, 0.5 * float(weight.sum())), 3.0)
-    variance = 1.0 + _LEFT * (weight[:, None] * left**2).sum(axis=0) / freedom
+    variance = 1.0 + LEFT_AS_ERROR * (weight[:, None] * left**2).sum(axis=0) / freedom
     # A number that hardly any draw shows says nothing.
     variance = np.where(known.mean(axis=0) > 0.5, variance, 1e6)
     slopes = found[1:].T

@@ -20,6 +20,16 @@ from scipy.stats import qmc
 
 from sassgis.errors import InputError
 from sassgis.gap.causes.cause import Range, rounded
+from sassgis.gap.constants import (
+    LAW_SEARCHED,
+    LAW_TRIED,
+    LEARNED_CONTACTS,
+    LEARNED_ROCKS,
+    MOST_CONTACTS,
+    SHARE_DIGITS,
+    SPIN_LOG_SD,
+    SPIN_NOISES,
+)
 from sassgis.gap.fit.site_data import (
     impact_scores,
     observed_impacts,
@@ -35,8 +45,6 @@ from sassgis.settings.ground import GroundClass, GroundTable
 from sassgis.settings.ground_ranges import RangeRule, ranges_of, with_values
 from sassgis.settings.settings import EngineSettings
 
-#: Digits of shares of ranges.
-_SHARE_DIGITS = 9
 #: Ranges wide enough for any ground that rocks have been observed on. They are limits of the
 #: search, not values of any ground: a result at a limit is a finding.
 RANGES: Mapping[str, Range] = {
@@ -94,10 +102,7 @@ class ClassParameter:
 def fitted_names(names: Iterable[str] | None, engines: Iterable[EngineSettings]) -> tuple[str, ...]:
     """Return names of the parameters to calibrate: all that the engine reads, or those asked for.
 
-    Raises
-    ------
-    InputError
-        If one of them cannot be calibrated.
+    InputError if one of them cannot be calibrated.
     """
     settings = [engine.resolved() for engine in engines]
     known = tuple(name for name in RANGES if any(_reads(own, name) for own in settings))
@@ -125,10 +130,7 @@ def _reads(engine: EngineSettings, name: str) -> bool:
 def parameters_of(
     table: GroundTable, class_names: Sequence[str], names: Sequence[str], rules: Sequence[RangeRule]
 ) -> tuple[ClassParameter, ...]:
-    """Return the parameters of some classes, class by class.
-
-    ``rules`` give the spread between sites.
-    """
+    """Return the parameters of some classes; ``rules`` give the spread between sites."""
     spread = {(r.class_name, r.parameter): r for r in ranges_of(table, class_names, rules, names)}
     found = []
     for own in class_names:
@@ -146,10 +148,7 @@ def parameters_of(
 def table_with(
     table: GroundTable, parameters: Sequence[ClassParameter], shares: FloatArray
 ) -> GroundTable:
-    """Return a table with the calibrated parameters at shares of their ranges.
-
-    Classes that the table does not have are passed over: they are of another site.
-    """
+    """Return a table with parameters at shares of their ranges; not those of other sites."""
     pairs = zip(parameters, shares.tolist(), strict=True)
     return with_values(
         table,
@@ -161,27 +160,16 @@ def table_with(
     )
 
 
-@dataclass(frozen=True, slots=True)
-class Prior:
-    """Normal about the configured values; beyond the limits of the search lies the limit itself.
+def prior_shares(parameters: Sequence[ClassParameter], normal: FloatArray) -> FloatArray:
+    """Return shares of the ranges of parameters of which the prior is standard normal, (..., d).
 
-    It keeps what the observations say nothing about where it was configured, as near as such values
-    lie together from site to site.
+    The prior keeps what the observations say nothing about where it was configured, as near as such
+    values lie together from site to site; beyond the limits of the search lies the limit itself.
     """
-
-    centre: FloatArray  # shape (d,), as the standard deviation; shares of the ranges
-    sd: FloatArray
-
-    @staticmethod
-    def of(parameters: Sequence[ClassParameter]) -> Prior:
-        """Return the prior of some parameters."""
-        return Prior(np.array([p.start for p in parameters]), np.array([p.sd for p in parameters]))
-
-    def shares(self, normal: FloatArray) -> FloatArray:
-        """Return shares of parameters of which the prior is standard normal, shape (..., d)."""
-        # The last digits of linear algebra depend on where its arrays lie in memory.
-        shares = np.round(self.centre + self.sd * normal, _SHARE_DIGITS)
-        return np.asarray(np.clip(shares, 0.0, 1.0), np.float64)
+    centre, sd = (np.array([getattr(p, name) for p in parameters]) for name in ("start", "sd"))
+    # The last digits of linear algebra depend on where its arrays lie in memory.
+    shares = np.round(centre + sd * normal, SHARE_DIGITS)
+    return np.asarray(np.clip(shares, 0.0, 1.0), np.float64)
 
 
 #: Ranges of the parameters of a contact, and how far those of one class lie from site to site
@@ -193,21 +181,10 @@ _RANGES = {
     "restitution_speed_mps": (Range(0.5, 200.0, "log"), 0.13),
     "mu_v": (Range(0.0, 0.05), 0.1),
 }
-#: Standard deviation of the logarithm of the factor of the spins.
-_SPIN_SD = 0.2
-#: Relative scatters of the spins that are tried.
-_SPIN_NOISES = (0.0, 0.05, 0.1, 0.15, 0.2, 0.25, 0.3, 0.4, 0.5, 0.65, 0.8)
-#: Contacts and rocks from which on a class is learned, and contacts of it that are used at most.
-_FEWEST, _FEWEST_ROCKS, _MOST = 20, 5, 250
-#: Values that are tried first, of twice the usual spread, and evaluations of the search after it.
-_TRIED, _SEARCHED = 32, 90
 
 
 def learned_contacts(case: Case, seed: int) -> LearnedContacts | None:
-    """Return contacts as observed; None where too few were recorded.
-
-    Only the law of impact with restitution has these parameters.
-    """
+    """Return contacts as observed, for the law with restitution; None of too few."""
     if case.engine.resolved().eta_max_rule != "restitution":
         return None
     impacts = observed_impacts(case)
@@ -217,8 +194,10 @@ def learned_contacts(case: Case, seed: int) -> LearnedContacts | None:
     counts: list[int] = []
     for k in np.unique(impacts.kind).tolist():
         rows = np.flatnonzero(impacts.kind == k)
-        if rows.size >= _FEWEST and np.unique(impacts.rock[rows]).size >= _FEWEST_ROCKS:
-            few = rows[np.linspace(0, rows.size - 1, min(rows.size, _MOST)).astype(np.int64)]
+        if rows.size >= LEARNED_CONTACTS and np.unique(impacts.rock[rows]).size >= LEARNED_ROCKS:
+            few = rows[
+                np.linspace(0, rows.size - 1, min(rows.size, MOST_CONTACTS)).astype(np.int64)
+            ]
             known[k] = _learned(case, impacts.take(few), k, seed)
             counts.append(few.size)
     if not known:
@@ -236,7 +215,7 @@ def learned_contacts(case: Case, seed: int) -> LearnedContacts | None:
         return _misfit(case, impacts, observed, table, error, seed)
 
     # Scatter of the spins after a contact that the law with its errors of measurement lacks.
-    return LearnedContacts(table, scale, min(_SPIN_NOISES, key=loss))
+    return LearnedContacts(table, scale, min(SPIN_NOISES, key=loss))
 
 
 def _misfit(
@@ -256,10 +235,7 @@ def _misfit(
 
 
 def _learned(case: Case, impacts: ImpactsInFlight, kind: int, seed: int) -> FloatArray:
-    """Shift of the parameters of a class from the configured ones, and of the spins.
-
-    In usual spreads, shape (n + 1,).
-    """
+    """Return shifts of the parameters of a class, and of the spins, in usual spreads, (n + 1,)."""
     observed = observed_outcomes(impacts)
 
     def loss(shift: FloatArray) -> float:
@@ -272,18 +248,18 @@ def _learned(case: Case, impacts: ImpactsInFlight, kind: int, seed: int) -> Floa
     d = len(_RANGES) + 1
     rng = np.random.default_rng([seed, 37])
     normal = qmc.MultivariateNormalQMC(np.zeros(d), 4.0 * np.eye(d), rng=rng)
-    tried = [np.zeros(d), *normal.random(_TRIED)]
+    tried = [np.zeros(d), *normal.random(LAW_TRIED)]
     best = min(tried, key=loss)
     simplex = np.vstack([best, best + 0.7 * np.eye(best.size)])
     found = minimize(
         loss, best, method="Nelder-Mead",
-        options={"maxfev": _SEARCHED, "initial_simplex": simplex, "xatol": 0.02, "fatol": 1e-4},
+        options={"maxfev": LAW_SEARCHED, "initial_simplex": simplex, "xatol": 0.02, "fatol": 1e-4},
     )  # fmt: skip
     return np.asarray(found.x)
 
 
 def _spin_scale(shift: float) -> float:
-    return rounded(math.exp(_SPIN_SD * shift))
+    return rounded(math.exp(SPIN_LOG_SD * shift))
 
 
 def _with_shift(ground: GroundClass, shift: FloatArray) -> GroundClass:

@@ -16,13 +16,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from sassgis.gap.constants import MOST_IMPACTS, OUTCOME_DRAWS, SCORED_ROCKS, SPEED_OVER_S
 from sassgis.gap.fit.distances import energy_scores, folds_of
 from sassgis.gap.forward.hypothesis_model import HypothesisModel
 from sassgis.gap.forward.observation_operator import campaigns, rock_quantities
 from sassgis.gap.forward.rock_lines import RockLines, rock_lines_of
 from sassgis.gap.observations.campaign import Campaign, errors_of, observed_campaign
 from sassgis.gap.observations.case import Case
-from sassgis.gap.observations.hops import SPEED_OVER_S
 from sassgis.gap.residuals.impact_residuals import (
     ImpactsInFlight,
     impacts_in_flight,
@@ -32,9 +32,6 @@ from sassgis.gap.residuals.impact_residuals import (
 from sassgis.gap.residuals.rock_residuals import rock_means
 from sassgis.grid import FloatArray, IntArray
 
-#: Orientations and slopes drawn for each impact, and impacts that are compared at most: more of
-#: them cost as much as the runs and say next to nothing more.
-DRAWS, MOST = 12, 400
 #: What is compared of an impact: speeds along and off the ground, surface speed and energy after,
 #: over the speed and the energy before.
 QUANTITIES = ("impact:along", "impact:normal", "impact:turning", "impact:energy")
@@ -46,10 +43,10 @@ def observed_impacts(case: Case) -> ImpactsInFlight | None:
         return None
     axes = case.semi_axes_m[:, None]
     rows = np.flatnonzero(usable_impacts(case, axes))
-    found = impacts_in_flight(case, axes, rows, DRAWS) if rows.size else None
-    if found is None or found.rock.size <= MOST:
+    found = impacts_in_flight(case, axes, rows, OUTCOME_DRAWS) if rows.size else None
+    if found is None or found.rock.size <= MOST_IMPACTS:
         return found
-    return found.take(np.linspace(0, found.rock.size - 1, MOST).astype(np.int64))
+    return found.take(np.linspace(0, found.rock.size - 1, MOST_IMPACTS).astype(np.int64))
 
 
 def observed_outcomes(impacts: ImpactsInFlight) -> FloatArray:
@@ -84,12 +81,10 @@ def _relative(impacts: ImpactsInFlight, after: FloatArray) -> FloatArray:
 def impact_scores(
     impacts: ImpactsInFlight, observed: FloatArray, simulated: FloatArray, n_rocks: int
 ) -> FloatArray:
-    """Return energy score of the impacts of each rock, mean over them, shape (n_rocks,).
+    """Return the mean energy score of the impacts of each rock, (n_rocks,); 0 for rocks without.
 
-    It is 0 for rocks without impacts.
-
-    It is over the root of the number of quantities, as those of other tables are. The unit of each
-    quantity is its scatter among the observed impacts.
+    The unit of each quantity is its scatter among the observed impacts; scores are over the root of
+    the number of quantities, as those of other tables are.
     """
     spread = np.nanstd(observed, axis=0, ddof=1) if len(observed) > 1 else np.zeros(3)
     unit = np.where(spread > 1e-9, spread, 1.0)
@@ -101,10 +96,7 @@ def impact_scores(
 def impact_quantities(
     impacts: ImpactsInFlight, outcomes: FloatArray, n_rocks: int
 ) -> Mapping[str, FloatArray]:
-    """Return means over the impacts of each rock, shape (n_rocks, draws) each; NaN without any.
-
-    ``outcomes``: shape (n, draws, 3).
-    """
+    """Return means over impacts of each rock, (n_rocks, draws) each, of outcomes (n, draws, 3)."""
     own = (impacts.inertia / impacts.radius**2)[:, None]
     before = np.hypot(impacts.impacts.vt_in_mps, impacts.impacts.vn_in_mps)
     turning = own[:, 0] * (impacts.radius * impacts.spin / before) ** 2
@@ -126,8 +118,6 @@ def _per_rock(
     return found
 
 
-#: A quantity that fewer rocks than this have is not scored.
-_FEWEST = 5
 #: Tables whose quantities stand in the row of a rock, by the first letter of these.
 _TABLES = {"deposits": "s", "passages": "S", "contacts": "c"}
 _IN_ROWS = frozenset(_TABLES)
@@ -143,10 +133,7 @@ class Scale:
     n_rocks: int = 0  # rows where nothing is scored at all
 
     def rows(self, quantities: Mapping[str, FloatArray]) -> FloatArray:
-        """Return rows per rock, shape (n_rocks, 2 k): standardised values, and flags of absence.
-
-        A rock that never reached a station has no speed there, which the flag states.
-        """
+        """Return standardised values (0 without) and flags of absence, (n_rocks, 2 k)."""
         if not self.names:
             return np.zeros((self.n_rocks, 0))
         values = np.column_stack([_scored(name, quantities[name]) for name in self.names])
@@ -219,33 +206,27 @@ class SiteData:
 def site_data_of(
     case: Case,
     seed: int,
-    scale: Scale | None = None,
     name: str = "",
-    simulated: tuple[HypothesisModel, int] | None = None,
+    simulated: HypothesisModel | None = None,
+    number: int = 0,
     sideways: bool = True,
 ) -> SiteData:
     """Prepare a case.
 
-    Parameters
-    ----------
-    scale : Scale, optional
-        That of other rocks of the same slope.
-    simulated : (HypothesisModel, int), optional
-        What this model makes of the rocks, in its campaign of this number, stands for what was
-        observed: a synthetic site with all that goes with the real one.
-    sideways : bool
-        False where neither tilt nor drift of paths is calibrated: wrong offsets would be made up
-        for by the ground, which then stops rocks before they have gone astray.
+    ``simulated``: what this model makes of the
+    rocks, in its campaign of this number, stands for what was observed: a synthetic site with all
+    that goes with the real one. ``sideways``: False where neither tilt nor drift of paths is
+    calibrated: wrong offsets would be made up for by the ground, which then stops rocks before they
+    have gone astray.
     """
     rock_lines = rock_lines_of(case)
     observed = observed_campaign(case)
     if simulated is not None:
-        model, number = simulated
         observed = campaigns(
-            case, rock_lines, model, count=1, seed=seed, number=number, tables=_IN_ROWS
+            case, rock_lines, simulated, count=1, seed=seed, number=number, tables=_IN_ROWS
         )[0]
     quantities = rock_quantities(case, observed)
-    scale = scale_of(case, quantities) if scale is None else scale
+    scale = scale_of(case, quantities)
     unseen = np.zeros((case.n_rocks, 0), np.bool_)
     if scale.names:
         unseen = np.column_stack([_unseen(name, quantities) for name in scale.names])
@@ -254,15 +235,16 @@ def site_data_of(
     if impacts is not None:
         outcomes = observed_outcomes(impacts)
         if simulated is not None:
-            made = simulated_outcomes(case, model, impacts, seed=seed, number=number)
+            made = simulated_outcomes(case, simulated, impacts, seed=seed, number=number)
             # What was not measured of an impact is not known of the simulated one either.
             outcomes = np.where(np.isfinite(outcomes), made[:, 0], np.nan)
         seen_after = impact_quantities(impacts, outcomes[:, None], case.n_rocks)
         compared |= {k: v[:, 0] for k, v in seen_after.items() if np.isfinite(v).any()}
     return SiteData(
-        name, case, rock_lines, scale, observed, compared, scale.rows(quantities),
-        impacts, outcomes, seed, folds_of(case.group, seed),
-        case.unit, np.hstack([unseen, unseen]), sideways,
+        name=name, case=case, rock_lines=rock_lines, scale=scale, observed=observed,
+        quantities=compared, rows=scale.rows(quantities), impacts=impacts, outcomes=outcomes,
+        seed=seed, part=folds_of(case.group, seed), unit=case.unit,
+        unseen=np.hstack([unseen, unseen]), sideways=sideways,
     )  # fmt: skip
 
 
@@ -305,7 +287,7 @@ def scale_of(case: Case, quantities: Mapping[str, FloatArray]) -> Scale:
             continue
         known = _scored(name, values)
         known = known[np.isfinite(known)]
-        if known.size < _FEWEST:
+        if known.size < SCORED_ROCKS:
             continue
         names.append(name)
         centre.append(float(known.mean()))
@@ -326,10 +308,7 @@ def _scored(name: str, values: FloatArray) -> FloatArray:
 def replicas(
     problem: SiteData, model: HypothesisModel, number: int, count: int
 ) -> list[Mapping[str, FloatArray]]:
-    """Simulate what each rock shows in ``count`` campaigns of a model.
-
-    ``number`` distinguishes them.
-    """
+    """Return quantities of the rocks in ``count`` campaigns of a model, of this ``number``."""
     made = campaigns(
         problem.case, problem.rock_lines, model,
         count=count, seed=problem.seed, number=number, tables=_IN_ROWS,
@@ -376,10 +355,7 @@ def prediction(problem: SiteData, model: HypothesisModel, number: int, count: in
 def scores_of(
     problem: SiteData, model: HypothesisModel, number: int, rows: FloatArray
 ) -> FloatArray:
-    """Add up the energy score of each observed rock over the tables, shape (n_rocks,).
-
-    ``rows``: of its campaigns of this number (``model_rows``).
-    """
+    """Add up the energy scores of each rock over the tables, (n_rocks,), from model_rows."""
     return added(_table_scores(problem, rows, outcomes_of(problem, model, number)))
 
 

@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import asdict, dataclass, fields, replace
 from typing import Any
 
 from sassgis.engine.effects.lateral_deflection import LateralDeflection
-from sassgis.engine.effects.registry import EFFECTS
 from sassgis.gap.observations.case import Case
 from sassgis.settings.effects import EffectSettings
-from sassgis.settings.ground import GroundClass, GroundTable
+from sassgis.settings.ground import GroundTable
 from sassgis.settings.settings import EngineSettings
 
 #: Keys of ``[engine]`` that a hypothesis may set.
@@ -79,11 +77,10 @@ class HypothesisModel:
         return replace(configured, **self.engine_keys)  # type: ignore[arg-type]
 
     def sections(self, configured: EffectSettings) -> dict[str, dict[str, Any]]:
-        """Return ``[effects.*]`` sections of a configuration that has only some of these effects.
+        """Return ``[effects.*]`` sections for a configuration that has only some of these effects.
 
-        Every effect of the model that is not configured as it is here: family to key to value, the
-        form and whatever is not as by default. Errors of release and measurement are no part of the
-        motion.
+        Every effect of the model that is not configured as it is here: the form, and whatever is
+        not as by default.
         """
         return {
             effect.name: {
@@ -109,28 +106,3 @@ def moving_effects(case: Case) -> EffectSettings:
 def model_as_json(model: HypothesisModel) -> dict[str, Any]:
     """Return a model as JSON takes it, to keep a calibrated one in a file and use it again."""
     return {**asdict(model), "effects": {own.name: asdict(own) for own in model.effects}}
-
-
-def model_from_json(plain: Mapping[str, Any]) -> HypothesisModel:
-    """Return the model of ``model_as_json``.
-
-    Raises
-    ------
-    KeyError, TypeError
-        If the values are not those of a model.
-    """
-    effects = [
-        EFFECTS[name].settings(
-            **{k: tuple(v) if isinstance(v, list) else v for k, v in own.items()}
-        )
-        for name, own in plain["effects"].items()
-    ]
-    stand = plain["stand"]
-    return HypothesisModel(
-        GroundTable(tuple(GroundClass(**own) for own in plain["table"]["classes"])),
-        EffectSettings(*effects),
-        None if stand is None else ForestStand(**stand),
-        ReleaseError(**plain["release"]),
-        MeasurementError(**plain["measurement"]),
-        **{key: plain[key] for key in ENGINE_KEYS},
-    )

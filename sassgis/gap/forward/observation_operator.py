@@ -18,6 +18,7 @@ from sassgis.engine.effects.fragmentation import Fragmentation
 from sassgis.engine.ellipse import mean_radius
 from sassgis.engine.simulate import moving_axes
 from sassgis.engine.state import END, EVENT_DTYPE, FLIGHT, IMPACT
+from sassgis.gap.constants import AHEAD_SHARES, LEAVING_RUNS, LOGGED_EVENTS
 from sassgis.gap.forward.hypothesis_model import HypothesisModel, ReleaseError
 from sassgis.gap.forward.released_rocks import Moved, all_rocks, in_plane, move
 from sassgis.gap.forward.rock_lines import (
@@ -76,10 +77,7 @@ def observe(
 
 
 def _of_campaign(rows, campaign: int, n: int):  # type: ignore[no-untyped-def]
-    """Return rows of one campaign.
-
-    Rocks were numbered campaign by campaign, loose blocks below zero.
-    """
+    """Return rows of one campaign: rocks are numbered on, loose blocks below zero."""
     owner = np.where(rows.rock >= 0, rows.rock, -1 - rows.rock)
     mine = owner // n == campaign
     fields = {}
@@ -106,8 +104,7 @@ class _Record:
         rng: np.random.Generator,
     ) -> None:
         self._case, self._lines, self._model, self._moved = case, rock_lines, model, moved
-        self._observer, m = rock_lines.observer, model.measurement
-        self._errors = self._observer.errors
+        self._errors, m = rock_lines.observer, model.measurement
         self._rng, self._n, self._count = rng, case.n_rocks, count
         total = self._n * count
         first = model.release
@@ -125,10 +122,7 @@ class _Record:
         return rows["line"] + (rows["rock"].astype(np.int64) - first) * self._n
 
     def _lateral_offset(self, owner: IntArray, moved: FloatArray, stated_m: float) -> FloatArray:
-        """Return the lateral offset from the line, measured.
-
-        ``moved``: that of the motion itself (m).
-        """
+        """Return the measured offset from the line; ``moved``: that of the motion (m)."""
         error = np.hypot(stated_m, self._model.measurement.position_m)
         noise = error * self._rng.standard_normal(owner.size)
         measured: FloatArray = moved + self._offset[owner] + noise
@@ -170,7 +164,7 @@ class _Record:
     def passages(self) -> PassageRows:
         """Return the passages at the stations."""
         moved, aside = self._moved.passages, self._moved.passed_lateral_m
-        missed = self._observer.passages_missed_share
+        missed = self._errors.passages_missed_share
         seen = self._rng.random(moved.size) >= missed if missed > 0.0 else np.full(moved.size, True)
         rows, aside = moved[seen], aside[seen]
         owner = self._numbers(rows)
@@ -186,21 +180,14 @@ class _Record:
         height = np.maximum(height + errors.height_m * self._rng.standard_normal(owner.size), 0.0)
         mass = rows["mass_kg"] * np.exp(errors.mass_rel * self._rng.standard_normal(owner.size))
         return PassageRows(
-            np.where(kind == LOOSE, -1 - owner, owner),
-            rows["control_line"].astype(np.int64),
-            kind,
-            self._lateral_offset(owner, aside, errors.position_m),
-            speed,
-            rotation,
-            height,
-            mass,
-        )
+            rock=np.where(kind == LOOSE, -1 - owner, owner),
+            station=rows["control_line"].astype(np.int64), kind=kind,
+            lateral_m=self._lateral_offset(owner, aside, errors.position_m), speed_mps=speed,
+            rotation_hz=rotation, height_m=height, mass_kg=mass,
+        )  # fmt: skip
 
     def _rest(self, rows: NDArray[np.void], owner: IntArray) -> FloatArray:
-        """Return the height of the centre of a lying block above the ground.
-
-        Heights are counted from it.
-        """
+        """Return the height of the centre of a lying block, from which heights are counted (m)."""
         stated = np.column_stack([self._of_rocks("a_m"), self._of_rocks("b_m")])
         axes = moving_axes(stated, self._case.engine)
         # The engine counts heights of flight from the shorter axis; a rock that rolls has none.
@@ -235,7 +222,7 @@ class _Record:
 
         vt_in, vn_in, spin_in = apart(before)
         vt_out, vn_out, spin_out = apart(after)
-        first, last = recorded_contacts(self._observer, owner, before["t_s"], -vn_in)
+        first, last = recorded_contacts(self._errors, owner, before["t_s"], -vn_in)
         owner, n = owner[first], first.size
         turn = self._rng.standard_normal(n) * errors.turn_deg - turned[first]
         # Where the ground was met: the foot of the centre on the segment.
@@ -249,15 +236,13 @@ class _Record:
         turn = self._case.turns(owner % self._n, turn, vt_out[last], vn_out[last])
         # Nothing is put behind the start of a line.
         return ImpactRows(
-            owner, np.maximum(s, 0.0), z, vt_in[first], vn_in[first], spin_in[first],
-            vt_out[last], vn_out[last], spin_out[last], turn, -np.degrees(dip[first]),
+            rock=owner, s=np.maximum(s, 0.0), z=z, vt_in=vt_in[first], vn_in=vn_in[first],
+            spin_in=spin_in[first], vt_out=vt_out[last], vn_out=vn_out[last],
+            spin_out=spin_out[last], turn_deg=turn, slope_deg=-np.degrees(dip[first]),
         )  # fmt: skip
 
     def contacts(self) -> ContactRows:
-        """Return contacts of whole rocks in time and place.
-
-        A rock that rolls or slides stays in one.
-        """
+        """Return contacts of whole rocks in time and place; a rock that rolls stays in one."""
         events, index, _ = impacts_of(self._moved.event_logs)
         line, campaign = np.divmod(index, self._count)
         owner = line + campaign * self._n
@@ -267,7 +252,7 @@ class _Record:
         # What lasts is a contact however slow the rock came to it.
         into = events["vx_mps"] * events["uz"] - events["vz_mps"] * events["ux"]
         into = np.where(events["phase"] == IMPACT, into, np.inf)[first]
-        kept, last = recorded_contacts(self._observer, owner[first], events["t_s"][first], into)
+        kept, last = recorded_contacts(self._errors, owner[first], events["t_s"][first], into)
         first, after = first[kept], after[last]
         # The time of a rock goes on from that of the one before: all are interpolated at once.
         steps = np.diff(events["t_s"], prepend=0.0)
@@ -289,15 +274,15 @@ class _Record:
             for i in (first, after)
         )  # fmt: skip
         start, end = (events["t_s"][i] for i in (first, after))
-        return ContactRows(owner, start, end, x, y, z, before, turned)
+        return ContactRows(
+            rock=owner, start_s=start, end_s=end, x=x, y=y, z=z, rotation_before_hz=before,
+            rotation_after_hz=turned,
+        )  # fmt: skip
 
     def _under(
         self, events: NDArray[np.void], index: IntArray, hit: IntArray, owner: IntArray
     ) -> tuple[FloatArray, ...]:
-        """Return place, height and dip of the ground at impacts, and turn of the path (deg).
-
-        The place is x and y, on profiles the chainage twice; the turn is anticlockwise.
-        """
+        """Return place, height and dip of the ground at impacts, and turn of the path (°)."""
         rock, x_m = owner % self._n, events["x_m"][hit]
         terrain = self._case.terrain
         if terrain is None:
@@ -337,10 +322,9 @@ def _places(grid: Grid, events: NDArray[np.void]) -> tuple[FloatArray, FloatArra
 
 
 def contacts_in(events: NDArray[np.void], index: IntArray) -> tuple[IntArray, IntArray]:
-    """Return first row of each contact with the ground, and the row in which the rock has left it.
+    """Return the first row of each contact of blocks, and the row in which the rock has left it.
 
-    ``events``: of several blocks, one after the other (EVENT_DTYPE); ``index``: number of the block
-    of each. A contact that the log does not show to its end is none.
+    ``events``: of several blocks, one after the other (EVENT_DTYPE); ``index``: block of each.
     """
     on = (events["phase"] != FLIGHT) & (events["phase"] != END)
     same = index[1:] == index[:-1]
@@ -352,11 +336,7 @@ def contacts_in(events: NDArray[np.void], index: IntArray) -> tuple[IntArray, In
 def turns_of(
     events: NDArray[np.void], index: IntArray, hit: IntArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Turn of followed paths at impacts, anticlockwise, and azimuth before them (rad).
-
-    ``events``: of several blocks, one after the other (EVENT_DTYPE); ``index``: number of the block
-    of each; ``hit``: rows of the impacts, the row behind each is of the same block, shape (n,).
-    """
+    """Return anticlockwise turns of followed paths at impacts, and azimuths before (rad), (n,)."""
     azimuth, moves = [], []
     for first, last in ((np.maximum(hit - 1, 0), hit), (hit + 1, hit + 2)):
         last = np.minimum(last, events.size - 1)
@@ -370,13 +350,6 @@ def turns_of(
 
 #: Tables of a campaign.
 TABLES = frozenset({"passages", "deposits", "impacts", "contacts"})
-#: Events kept in the log of a block, by table; later ones are not seen. Contacts are counted: slow
-#: rocks have many.
-_MOST_EVENTS = {"impacts": 160, "contacts": 400}
-#: Shares of an error along the line that rocks have at least and at most.
-_AHEAD = (0.5, 1.5)
-#: Times that each rock is released to count those that leave.
-_COUNTED = 8
 
 
 def campaigns(
@@ -390,50 +363,33 @@ def campaigns(
     tables: frozenset[str] = TABLES,
     everywhere: bool = False,
 ) -> list[Campaign]:
-    """Release the rocks of a case ``count`` times in a model.
+    """Release the rocks of a case ``count`` times in a model, with stated errors of measurement.
 
-    Parameters
-    ----------
-    number : int
-        Campaigns of other numbers are other draws.
-    tables : frozenset of str
-        Those that are given, of these four.
-    everywhere : bool
-        Also those of which nothing was observed.
-
-    Returns
-    -------
-    list of Campaign
-        With these tables; errors of measurement as stated are in them.
+    Campaigns of another ``number`` are other draws. ``tables``: only these, of which something was
+    observed, or ``everywhere``.
     """
     if not everywhere:
         tables = frozenset(name for name in tables if len(case.observations.tables[name]))
     rng = np.random.default_rng([seed, number, 77])
     moved = move(
-        case,
-        rock_lines,
-        all_rocks(with_release(case, model.release, rock_lines.end), rock_lines),
-        model,
-        seed=seed,
-        count=count,
-        first_rock=number * 64,
-        log_events=max((_MOST_EVENTS.get(name, 0) for name in tables), default=0),
-    )
-    return observe(case, rock_lines, model, moved, count, rng, tables)
+        case, rock_lines, all_rocks(with_release(case, model.release, rock_lines.end), rock_lines),
+        model, seed=seed, count=count, first_rock=number * 64,
+        log_events=max((LOGGED_EVENTS.get(name, 0) for name in tables), default=0),
+    )  # fmt: skip
+    return observe(
+        case=case, lines=rock_lines, model=model, moved=moved, count=count, rng=rng, tables=tables,
+    )  # fmt: skip
 
 
 def share_left(case: Case, rock_lines: RockLines, model: HypothesisModel, seed: int) -> float:
     """Return the share of rocks that still move at the terrain's edge or where lines end."""
     released = all_rocks(with_release(case, model.release, rock_lines.end), rock_lines)
-    moved = move(case, rock_lines, released, model, seed=seed, count=_COUNTED)
+    moved = move(case, rock_lines, released, model, seed=seed, count=LEAVING_RUNS)
     return float((moved.rocks["reason"] == StopReason.LEFT_PROFILE).mean())
 
 
 def with_release(case: Case, error: ReleaseError, end: FloatArray) -> Case:
-    """Return case with rocks that start elsewhere along the line, or faster; lateral offsets apart.
-
-    ``end``: chainage before which they start (m).
-    """
+    """Return case with rocks that start elsewhere before ``end`` (m), or faster; offsets apart."""
     blocks, start = case.blocks, case.start
     if error.faster_mps > 0.0:
         blocks = tuple(
@@ -441,7 +397,7 @@ def with_release(case: Case, error: ReleaseError, end: FloatArray) -> Case:
             for b in blocks
         )
     if error.ahead_m != 0.0:
-        moved = np.sort(error.ahead_m * np.array(_AHEAD))
+        moved = np.sort(error.ahead_m * np.array(AHEAD_SHARES))
         start = np.minimum(start + moved, end[:, None] - 1.0)
     return replace(case, blocks=blocks, start=start)
 

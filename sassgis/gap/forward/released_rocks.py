@@ -17,10 +17,11 @@ from numpy.typing import NDArray
 from sassgis.engine.effects.trees import Trees
 from sassgis.engine.simulate import Simulated, simulate
 from sassgis.engine.simulate_paths import follow
+from sassgis.gap.constants import DIRECTION_M, PROLONG_M, START_INSIDE_M, STRETCH_M
 from sassgis.gap.forward.hypothesis_model import ForestStand, HypothesisModel
-from sassgis.gap.forward.rock_lines import STRETCH_M, RockLines, gathered, repeated
+from sassgis.gap.forward.rock_lines import RockLines, gathered, repeated
 from sassgis.gap.observations.case import Case, station_traces
-from sassgis.gap.observations.projection import PROLONG_M, project, station_chainages
+from sassgis.gap.observations.projection import project, station_chainages
 from sassgis.gap.observations.tables import Stations
 from sassgis.grid import FloatArray, IntArray
 from sassgis.settings.blocks import BlockPopulation
@@ -28,11 +29,6 @@ from sassgis.settings.map_run import Forest
 from sassgis.settings.profiles import ControlLineCrossings, ReleasePoints
 from sassgis.terrain.flatten import chainage_to_xy
 from sassgis.terrain.heights import heights_at
-
-#: Length over which the direction of a fall line is taken (m).
-_ALONG_M = 1.0
-#: Blocks start at least this far from where the ground behind a line ends (m).
-_INSIDE_M = 1.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -96,7 +92,10 @@ def move(
     ``log_events``: as for sassgis.engine.simulate.simulate.
     """
     if case.terrain is None:
-        return _on_profiles(case, lines, releases, model, seed, count, first_rock, log_events)
+        return _on_profiles(
+            case=case, lines=lines, releases=releases, model=model, seed=seed, count=count,
+            first_rock=first_rock, log_events=log_events,
+        )  # fmt: skip
     n = releases.rock.size
     start = releases.start
     drawn = bool((start[:, 1] > start[:, 0]).any())
@@ -115,18 +114,11 @@ def move(
     if model.effects.get(Trees) is not None:
         forest = case.forest if model.stand is None else _stand(model.stand, lines.cell_s)
     done = follow(
-        replace(case.terrain, forest=forest),
-        points,
-        model.table,
-        [releases.blocks[i] for i in row.tolist()],
-        model.engine_of(case.engine),
-        seed=seed,
-        rocks_per_point=repeated,
-        point_keys=key,
-        first_rock=first_rock,
-        log_events=log_events,
+        replace(case.terrain, forest=forest), points, model.table,
+        [releases.blocks[i] for i in row.tolist()], model.engine_of(case.engine), seed=seed,
+        rocks_per_point=repeated, point_keys=key, first_rock=first_rock, log_events=log_events,
         effects=model.effects,
-    )
+    )  # fmt: skip
     if drawn:
         for rows in (done.rocks, done.pieces, done.passages):
             rows["rock"] = first_rock + rows["line"] % count
@@ -159,11 +151,14 @@ def in_plane(case: Case, rock: IntArray, x: FloatArray, y: FloatArray) -> tuple[
 def with_stations_at(case: Case, places: FloatArray) -> Case:
     """Return case with other stations: straight across its commonest fall line at chainages (m)."""
     line = int(np.bincount(case.line).argmax())
-    s = np.clip(places, _ALONG_M, float(case.traces.s[case.traces.offset[line + 1] - 1]) - _ALONG_M)
-    behind, ahead = (
-        np.column_stack(chainage_to_xy(case.traces, line, s + by)) for by in (-_ALONG_M, _ALONG_M)
+    s = np.clip(
+        places, DIRECTION_M, float(case.traces.s[case.traces.offset[line + 1] - 1]) - DIRECTION_M
     )
-    middle, along = 0.5 * (behind + ahead), 0.5 * (ahead - behind) / _ALONG_M
+    behind, ahead = (
+        np.column_stack(chainage_to_xy(case.traces, line, s + by))
+        for by in (-DIRECTION_M, DIRECTION_M)
+    )
+    middle, along = 0.5 * (behind + ahead), 0.5 * (ahead - behind) / DIRECTION_M
     left = PROLONG_M * along[:, ::-1] * [-1.0, 1.0]
     names = np.array([f"{place:.0f} m" for place in places.tolist()])
     vertices = tuple(np.stack([middle + left, middle - left], axis=1))
@@ -181,19 +176,14 @@ def with_stations_at(case: Case, places: FloatArray) -> Case:
 def _on_map(
     case: Case, rock: IntArray, s: FloatArray, lateral: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Return places at chainages of fall lines and next to them.
-
-    They are on the line where no height is known.
-
-    Lines go straight on behind their beginning.
-    """
+    """Return places beside fall lines, which go on behind; on them where no height is known."""
     traces, line = case.traces, case.line[rock]
     low, high = traces.s[traces.offset[line]], traces.s[traces.offset[line + 1] - 1]
     behind = np.minimum(s - low, 0.0)
     s = np.clip(s, low, high)
     x, y = chainage_to_xy(traces, line, s)
-    x0, y0 = chainage_to_xy(traces, line, np.maximum(s - _ALONG_M, low))
-    x1, y1 = chainage_to_xy(traces, line, np.minimum(s + _ALONG_M, high))
+    x0, y0 = chainage_to_xy(traces, line, np.maximum(s - DIRECTION_M, low))
+    x1, y1 = chainage_to_xy(traces, line, np.minimum(s + DIRECTION_M, high))
     size = np.maximum(np.hypot(x1 - x0, y1 - y0), 1e-9)
     east, north = (x1 - x0) / size, (y1 - y0) / size
     beside_x = x + behind * east + lateral * north
@@ -232,7 +222,7 @@ def _on_profiles(
     crossings = lines.control_lines
     offset, rows = gathered(crossings.offset, releases.rock)
     # Ground goes on behind the stated start as far as this.
-    first = lines.unforested.s[lines.unforested.offset[:-1]][releases.rock, None] + _INSIDE_M
+    first = lines.unforested.s[lines.unforested.offset[:-1]][releases.rock, None] + START_INSIDE_M
     done = simulate(
         repeated(lines.unforested if wood is None else lines.forested, releases.rock),
         model.table,

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.spatial import cKDTree
 
+from sassgis.gap.constants import BESIDE_LINE_M, FEWEST_PAIRS, STRETCH_M
 from sassgis.gap.observations.campaign import (
     Campaign,
     Errors,
@@ -28,21 +29,8 @@ from sassgis.settings.profiles import ControlLineCrossings, ProfileSet
 from sassgis.settings.results import ControlLine
 from sassgis.terrain.release import point_keys
 
-#: Pairs of contacts from which the shortest time between two is taken; fewer say nothing of it.
-_FEWEST_PAIRS = 10
 
-
-@dataclass(frozen=True, slots=True)
-class Observer:
-    """How a motion is recorded."""
-
-    errors: Errors
-    contact_min_normal_speed_mps: float = 0.0  # lighter ones are not recorded
-    contact_min_interval_s: float = 0.0  # sooner than this after one: taken for one with it
-    passages_missed_share: float = 0.0  # of those at stations
-
-
-def observer_of(case: Case) -> Observer:
+def observer_of(case: Case) -> Errors:
     """Return the observer of a case: as its metadata state, else as its tables show."""
     meta = case.observations.metadata
     seen = observed_campaign(case)
@@ -55,12 +43,12 @@ def observer_of(case: Case) -> Observer:
     elif seen.contacts is not None:
         contacts = seen.contacts
         apart = np.diff(contacts.start_s)[np.diff(contacts.rock) == 0]
-    soonest = float(apart.min()) if apart.size >= _FEWEST_PAIRS else 0.0
-    return Observer(
+    soonest = float(apart.min()) if apart.size >= FEWEST_PAIRS else 0.0
+    return replace(
         errors_of(case),
-        stated_or(meta.contact_min_normal_speed_mps, slowest),
-        stated_or(meta.contact_min_interval_s, soonest),
-        stated_or(meta.passages_missed_share, _missed(case, seen)),
+        contact_min_normal_speed_mps=stated_or(meta.contact_min_normal_speed_mps, slowest),
+        contact_min_interval_s=stated_or(meta.contact_min_interval_s, soonest),
+        passages_missed_share=stated_or(meta.passages_missed_share, _missed(case, seen)),
     )
 
 
@@ -100,22 +88,12 @@ def _missed(case: Case, seen: Campaign) -> float:
 
 
 def recorded_contacts(
-    observer: Observer, rock: IntArray, time_s: FloatArray, into_mps: FloatArray
+    observer: Errors, rock: IntArray, time_s: FloatArray, into_mps: FloatArray
 ) -> tuple[IntArray, IntArray]:
-    """Return contacts that are recorded, and the last of those that each is taken for one with.
+    """Return rows of contacts that are recorded, and of the last that each is taken for one with.
 
-    Parameters
-    ----------
-    rock : int64, shape (n,)
-        Contacts of a rock follow each other in time.
-    time_s : float64, shape (n,)
-    into_mps : float64, shape (n,)
-        Speed into the ground.
-
-    Returns
-    -------
-    first, last : int64
-        Rows: the state before is that of the first, the state after that of the last.
+    The state before is that of the first, the state after that of the last. Contacts of a rock
+    follow each other in ``time_s``; ``into_mps``: speed into the ground; all of shape (n,).
     """
     least = observer.contact_min_normal_speed_mps
     hard = np.flatnonzero((into_mps > 0.0) & (into_mps >= least))
@@ -135,12 +113,6 @@ def recorded_contacts(
     return np.array(first, np.int64), np.array(last, np.int64)
 
 
-#: Length of the stretches on which a forest stands or not (m).
-STRETCH_M = 2.0
-#: Cells farther from all fall lines than this have no chainage (m).
-_BESIDE_M = 150.0
-
-
 @dataclass(frozen=True, slots=True)
 class RockLines:
     """Lines of the rocks of a case, made ready once for many campaigns."""
@@ -158,7 +130,7 @@ class RockLines:
     #: Where paths are followed: chainage of the nearest fall line at each cell (m), shape
     #: (n_cells,); NaN far away.
     cell_s: FloatArray
-    observer: Observer  # of the field
+    observer: Errors  # of the field
 
 
 def rock_lines_of(case: Case) -> RockLines:
@@ -174,24 +146,17 @@ def rock_lines_of(case: Case) -> RockLines:
     )
     names = case.observations.rock_names
     return RockLines(
-        unforested=unforested,
-        forested=_cut_into_stretches(unforested, first),
-        wood=_configured_wood(case, first, n_stretches),
-        first_m=first,
-        n_stretches=n_stretches,
+        unforested=unforested, forested=_cut_into_stretches(unforested, first),
+        wood=_configured_wood(case, first, n_stretches), first_m=first, n_stretches=n_stretches,
         keys=np.concatenate([point_keys(name, 1) for name in names]),
         control_lines=control_lines_of(case),
         end=ends[:, 1] if case.terrain is None else np.full(n, np.inf),
-        cell_s=_chainage_of_cells(case),
-        observer=observer_of(case),
-    )
+        cell_s=_chainage_of_cells(case), observer=observer_of(case),
+    )  # fmt: skip
 
 
 def _cut_into_stretches(profiles: ProfileSet, first: float) -> ProfileSet:
-    """Return profiles with stretches of STRETCH_M for a forest.
-
-    ``first``: where these begin (m).
-    """
+    """Return profiles with stretches of STRETCH_M for a forest from ``first`` on (m)."""
     borders, cells = [], []
     for i in range(len(profiles)):
         s = profiles.vertices(i)[0]
@@ -238,7 +203,7 @@ def _chainage_of_cells(case: Case) -> FloatArray:
     grid, traces = case.terrain.grid, case.traces
     centres = np.column_stack(grid.cell_centres(np.arange(grid.values.size)))
     tree = cKDTree(np.column_stack([traces.x, traces.y]))
-    far, nearest = tree.query(centres, distance_upper_bound=_BESIDE_M)
+    far, nearest = tree.query(centres, distance_upper_bound=BESIDE_LINE_M)
     return np.append(traces.s, np.nan)[np.where(np.isfinite(far), nearest, -1)]
 
 
@@ -256,14 +221,9 @@ def repeated(profiles: ProfileSet, which: IntArray) -> ProfileSet:
     # Borders are one more than stretches on each profile.
     _, border = gathered(profiles.cell_offset + np.arange(profiles.offset.size), which)
     return ProfileSet(
-        offset,
-        profiles.s[vertex],
-        profiles.z[vertex],
-        profiles.ground[vertex],
-        cell_offset,
-        profiles.cell_s[border],
-        profiles.cell[cell],
-    )
+        offset=offset, s=profiles.s[vertex], z=profiles.z[vertex], ground=profiles.ground[vertex],
+        cell_offset=cell_offset, cell_s=profiles.cell_s[border], cell=profiles.cell[cell],
+    )  # fmt: skip
 
 
 def control_lines_of(case: Case) -> ControlLineCrossings:

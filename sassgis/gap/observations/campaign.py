@@ -8,15 +8,17 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from sassgis.gap.constants import (
+    MASS_ERROR_REL,
+    PASSING_HEIGHT_ERROR_M,
+    POSITION_ERROR_M,
+    ROTATION_ERROR_REL,
+    SPEED_ERROR_REL,
+    TURN_ERROR_DEG,
+)
 from sassgis.gap.observations.case import Case
 from sassgis.gap.observations.hops import ContactRows, contacts_of
-from sassgis.gap.observations.observed import (
-    MASS_ERROR_REL,
-    POSITION_ERROR_M,
-    SPEED_ERROR_REL,
-    deposit_masses_kg,
-    stated_or,
-)
+from sassgis.gap.observations.observed import deposit_masses_kg, stated_or
 from sassgis.grid import FloatArray, IntArray
 
 #: Kinds of block: the rock itself, a fragment of it, a block that belongs to no rock.
@@ -80,18 +82,18 @@ class Campaign:
 
 @dataclass(frozen=True, slots=True)
 class Errors:
-    """Standard errors of measurement: as stated in the metadata, else what is usual.
-
-    ``stop_m`` is that of the place of a stop, ``position_m`` of any other.
-    """
+    """How a motion is recorded: standard errors, stated or usual, and what is not seen."""
 
     speed_rel: float = SPEED_ERROR_REL
-    rotation_rel: float = 0.06
-    height_m: float = 0.15
+    rotation_rel: float = ROTATION_ERROR_REL
+    height_m: float = PASSING_HEIGHT_ERROR_M
     position_m: float = POSITION_ERROR_M
-    turn_deg: float = 2.0
+    turn_deg: float = TURN_ERROR_DEG
     mass_rel: float = MASS_ERROR_REL
-    stop_m: float = POSITION_ERROR_M
+    stop_m: float = POSITION_ERROR_M  # of the place of a stop; ``position_m``: of any other
+    contact_min_normal_speed_mps: float = 0.0  # lighter contacts are not recorded
+    contact_min_interval_s: float = 0.0  # sooner than this after one: taken for one with it
+    passages_missed_share: float = 0.0  # of those at stations
 
 
 def errors_of(case: Case) -> Errors:
@@ -101,11 +103,10 @@ def errors_of(case: Case) -> Errors:
     return Errors(
         stated_or(meta.speed_error_rel, usual.speed_rel),
         stated_or(meta.rotation_error_rel, usual.rotation_rel),
-        stated_or(meta.height_error_m, usual.height_m),
-        position_m,
+        stated_or(meta.height_error_m, usual.height_m), position_m,
         mass_rel=stated_or(meta.mass_error_rel, usual.mass_rel),
         stop_m=stated_or(meta.stop_error_m, position_m),
-    )
+    )  # fmt: skip
 
 
 def observed_campaign(case: Case) -> Campaign:
@@ -162,10 +163,7 @@ def _impacts(case: Case) -> ImpactRows:
 
 
 def main_blocks(rows: DepositRows, n_rocks: int) -> NDArray[np.int64]:
-    """Return row of the largest block that remains of each rock; -1 where none was found.
-
-    Where masses are unknown the whole rock, or the first fragment, counts.
-    """
+    """Return the row of the heaviest block of each rock, of unknown masses the first; or -1."""
     best = np.full(n_rocks, -1, np.int64)
     own = np.flatnonzero(rows.rock >= 0)
     mass = np.where(np.isfinite(rows.mass_kg), rows.mass_kg, 0.0)[own]

@@ -12,11 +12,17 @@ import numpy as np
 
 from sassgis.engine.simulate_paths import PathTerrain
 from sassgis.errors import InputError
-from sassgis.gap.observations.observed import DENSITY_KGM3, GRAVITY, Observations, rock_masses_kg
-from sassgis.gap.observations.projection import (
+from sassgis.gap.constants import (
+    CALIBRATED_RUNOUTS,
+    DENSITY_KGM3,
+    FEWEST_GROUPS,
+    GRAVITY_MPS2,
+    LEAST_GROUND_SHARE,
     PROLONG_M,
+)
+from sassgis.gap.observations.observed import Observations, rock_masses_kg
+from sassgis.gap.observations.projection import (
     Projected,
-    StationChainages,
     observed_release_points,
     project_observations,
     prolonged,
@@ -34,13 +40,6 @@ from sassgis.terrain.fall_lines import fall_line_surface, trace
 from sassgis.terrain.plan import plan
 from sassgis.terrain.prepare import prepare_lines
 from sassgis.terrain.release import point_keys, take
-
-#: Groups from which on a group counts as one: fewer say nothing of their scatter.
-_FEWEST_GROUPS = 3
-#: Ground further down than this many times the furthest observed run-out is not calibrated.
-_BEYOND = 1.5
-#: Share of the length of the fall lines below which a class is not calibrated.
-_LEAST_SHARE = 0.02
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,7 +70,7 @@ class Case:
     mass_kg: FloatArray  # shape (n_rocks,); as observed, NaN where unknown
     #: Of the sphere of equal volume, shape (n_rocks,); where unknown, of the configured blocks.
     radius_m: FloatArray
-    stations: StationChainages  # where lines cross the stations, shape (n_lines, n_stations)
+    stations: FloatArray  # chainages of the stations, shape (n_lines, n_stations); NaN: not crossed
     projected: Mapping[str, Projected]  # every point by table, in the plane of its rock's line
     #: What paths are followed on, with the stations; None: rocks keep to their fall lines.
     terrain: PathTerrain | None = None
@@ -88,10 +87,7 @@ class Case:
 
     @property
     def group(self) -> IntArray:
-        """Group of each rock (block, day, source): what is resampled together, shape (n_rocks,).
-
-        A rock without a group is a group by itself.
-        """
+        """Group of each rock (block, day, source) that is resampled together, (n_rocks,)."""
         table = self.observations.rocks
         stated = dict(zip(table.rock_id.tolist(), table.group.tolist(), strict=True))
         numbers: dict[str, int] = {}
@@ -104,7 +100,7 @@ class Case:
         """Units of resampling from 0: groups, or rocks where these are too few, (n_rocks,)."""
         groups, unit = np.unique(self.group, return_inverse=True)
         return np.asarray(
-            unit if groups.size >= _FEWEST_GROUPS else np.arange(self.n_rocks), np.int64
+            unit if groups.size >= FEWEST_GROUPS else np.arange(self.n_rocks), np.int64
         )
 
     @property
@@ -122,18 +118,15 @@ class Case:
 
     @property
     def station_order(self) -> IntArray:
-        """Rows of the table of stations that fall lines cross, from the top down."""
-        order = self.stations.order
-        crossed = np.asarray(np.isfinite(self.stations.s).any(axis=0), np.bool_)
-        return np.asarray(order[crossed[order]], np.int64)
+        """Rows of the table of stations that fall lines cross, by the median chainage."""
+        crossed = np.flatnonzero(np.isfinite(self.stations).any(axis=0))
+        middle = np.nanmedian(self.stations[:, crossed], axis=0)
+        return crossed[np.argsort(middle, kind="stable")]
 
     @property
     def station_s(self) -> FloatArray:
-        """Chainage of the stations on the line of each rock (m), shape (n_rocks, n_stations).
-
-        In the order of ``station_names``; NaN where the line does not cross.
-        """
-        return self.stations.s[self.line][:, self.station_order]
+        """Chainage of ``station_names`` on the lines of rocks (m), (n_rocks, n_stations)."""
+        return self.stations[self.line][:, self.station_order]
 
     @property
     def reaches(self) -> tuple[str, ...]:
@@ -161,24 +154,16 @@ class Case:
     def turns(
         self, rock: IntArray, turn_deg: FloatArray, vt_mps: FloatArray, vn_mps: FloatArray
     ) -> FloatArray:
-        """Return turns at contacts that rocks leave, by the speed after, fast enough to fly.
+        """Return turns at contacts that rocks leave, by the speed after, fast enough to fly, (n,).
 
-        One that is slower than after a fall of its diameter tumbles over its edges, whichever
-        way they point; such turns are NaN, shape (n,) as all arrays. Without a speed they stay.
+        One that is slower than after a fall of its diameter tumbles over its edges, whichever way
+        they point; such turns are NaN. Without a speed they stay.
         """
         fall = 4.0 * self.engine.gravity_mps2 * self.radius_m[rock]
         return np.where(vt_mps**2 + vn_mps**2 < fall, np.nan, turn_deg)
 
     def ground_at(self, rock: IntArray, s: FloatArray) -> tuple[IntArray, FloatArray]:
-        """Return the ground at chainages ``s`` of the lines of rocks.
-
-        Returns
-        -------
-        kind : int64, shape (n,)
-            Class of the ground; -1 where there is no rock (below zero).
-        dip : float64, shape (n,)
-            Positive where the line falls (rad); NaN where there is no rock.
-        """
+        """Return class (-1: no rock) and dip (rad, positive downhill) of the ground, (n,) each."""
         kind = np.full(rock.size, -1, np.int64)
         dip = np.full(rock.size, np.nan)
         lines = np.where(rock >= 0, self.line[rock], -1)
@@ -195,10 +180,7 @@ class Case:
 def case_of(run: MapRun, seen: Observations, file: Path) -> Case:
     """Put a configuration and observations together; ``file`` is what messages call these.
 
-    Raises
-    ------
-    InputError
-        If there is no rock whose fall line can be traced.
+    InputError if there is no rock whose fall line can be traced.
     """
     if not seen.rock_names:
         raise InputError(
@@ -218,22 +200,11 @@ def case_of(run: MapRun, seen: Observations, file: Path) -> Case:
     )
     radius = np.array([_radius(b) for b in blocks], np.float64)
     case = Case(
-        observations=seen,
-        grid=run.grid,
-        table=run.table,
-        engine=run.engine,
-        effects=run.effects,
-        forest=run.forest,
-        traces=traces,
-        profiles=prepared.profiles,
-        line=line,
-        blocks=blocks,
-        start=prepared.starts(moved)[line],
-        mass_kg=masses,
-        radius_m=radius,
-        stations=stations,
+        observations=seen, grid=run.grid, table=run.table, engine=run.engine, effects=run.effects,
+        forest=run.forest, traces=traces, profiles=prepared.profiles, line=line, blocks=blocks,
+        start=prepared.starts(moved)[line], mass_kg=masses, radius_m=radius, stations=stations,
         projected=project_observations(seen, traces, line, grid=run.grid, prolonged=run.followed),
-    )
+    )  # fmt: skip
     case = replace(case, met=classes_met(case))
     if not run.followed:
         return case
@@ -249,7 +220,7 @@ def drop_and_density(blocks: Sequence[BlockPopulation]) -> tuple[float, float]:
 
     A speed counts as its height; densities as the mean of the middles of their limits.
     """
-    heights = (own.drop_m[1] + own.speed_mps[1] ** 2 / (2.0 * GRAVITY) for own in blocks)
+    heights = (own.drop_m[1] + own.speed_mps[1] ** 2 / (2.0 * GRAVITY_MPS2) for own in blocks)
     middles = [middle for own in blocks if (middle := 0.5 * sum(own.density_kgm3)) > 0.0]
     return max(heights, default=0.0), sum(middles) / len(middles) if middles else DENSITY_KGM3
 
@@ -266,7 +237,7 @@ def classes_met(case: Case) -> tuple[str, ...]:
         kind, _ = case.ground_at(rock[own], s[own])
         np.add.at(length, kind[kind >= 0], 1.0)
     # Impacts by themselves say nothing of ground without any.
-    limit = _BEYOND * float(known.max()) if known.size else 0.0
+    limit = CALIBRATED_RUNOUTS * float(known.max()) if known.size else 0.0
     for line in np.unique(case.line).tolist():
         first, last = (int(v) for v in case.profiles.offset[line : line + 2])
         ends_s = np.clip(case.profiles.s[first:last], 0.0, limit)
@@ -274,7 +245,7 @@ def classes_met(case: Case) -> tuple[str, ...]:
     return tuple(
         c.name
         for c, own in zip(case.table.classes, length.tolist(), strict=True)
-        if own > _LEAST_SHARE * length.sum()
+        if own > LEAST_GROUND_SHARE * length.sum()
     )
 
 
@@ -290,10 +261,7 @@ def station_traces(case: Case) -> list[tuple[ControlLine, FloatArray]]:
 def _fall_lines(
     run: MapRun, observations: Observations, file: Path
 ) -> tuple[TraceSet, IntArray, FloatArray]:
-    """Return fall lines, the line of each rock: its own, or one of the configured release points.
-
-    The last array is of each line: how far up the slope from the release point it begins (m).
-    """
+    """Return fall lines, that of each rock, and how far up from the release they begin (m)."""
     points, rock = observed_release_points(observations)
     line = np.full(len(observations.rock_names), -1, np.int64)
     if len(points):
@@ -330,10 +298,7 @@ def _fall_lines(
 def _observed(
     block: BlockPopulation, observations: Observations, i: int | None, mass: float
 ) -> BlockPopulation:
-    """Return population of one rock: what was observed is fixed, the rest is drawn as configured.
-
-    ``i`` is its row in the table of rocks, ``mass`` (kg) is NaN where it is unknown.
-    """
+    """Return population of a rock, row ``i``: what was observed is fixed, else as configured."""
     if i is None:
         return block
     rocks = observations.rocks

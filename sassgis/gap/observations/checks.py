@@ -10,6 +10,21 @@ from functools import partial
 import numpy as np
 import shapely
 
+from sassgis.gap.constants import (
+    AXES_UNITS,
+    DENSITY_KGM3,
+    FULL_AXES_RATIO,
+    HEAVIEST_ROCK_KGM3,
+    HEIGHT_ERROR_M,
+    HEIGHT_OFFSET_M,
+    LIGHTEST_ROCK_KGM3,
+    MASS_ERROR_REL,
+    POSITION_ERROR_M,
+    RELEASE_HEIGHT_M,
+    SIGMAS,
+    TONNE_KG,
+    UNIT_FACTOR,
+)
 from sassgis.gap.observations.motion_checks import (
     check_drops,
     check_impacts,
@@ -19,12 +34,7 @@ from sassgis.gap.observations.motion_checks import (
     check_ways,
 )
 from sassgis.gap.observations.observed import (
-    DENSITY_KGM3,
-    HEIGHT_ERROR_M,
-    MASS_ERROR_REL,
-    POSITION_ERROR_M,
     RULES,
-    SIGMAS,
     ObservationFinding,
     Observations,
     above_release_m,
@@ -43,15 +53,6 @@ from sassgis.settings.labels import some_of
 from sassgis.terrain.heights import heights_at
 
 Check = Callable[[Observations, Grid | None], Iterator[ObservationFinding]]
-#: Densities that rocks have (kg/m³).
-_LIGHTEST_KGM3, _HEAVIEST_KGM3 = 900.0, 5000.0
-#: An ellipsoid fills from half of the box of its axes; rocks lie between. Full axes give 8 times.
-_FULL_AXES = 4.0
-#: What axes, or the mass, look like in another unit: ellipsoids of so many times the volume.
-_UNITS = {"centimetres": 1e6, "millimetres": 1e9}
-_TONNES = 1e3
-#: Factor within which such a number is taken for that unit.
-_NEAR = 4.0
 
 
 def check_observations(
@@ -60,24 +61,11 @@ def check_observations(
     drop_m: float = 0.0,
     density_kgm3: float = DENSITY_KGM3,
 ) -> list[ObservationFinding]:
-    """Look for what cannot be true.
+    """Look for what cannot be true, in the coordinates of the grid; errors first.
 
-    Parameters
-    ----------
-    observations : Observations
-        In the coordinates of the grid.
-    grid : Grid, optional
-        The DEM; without it, nothing is compared with the terrain.
-    drop_m : float
-        Height above the ground from which blocks were let go, at most.
-    density_kgm3 : float
-        Of rocks of which it was not observed.
-
-    Returns
-    -------
-    list of ObservationFinding
-        Errors first. What a finding says is left out is still in ``observations``: see
-        ``sassgis.gap.observations.observed.without``.
+    Without the ``grid`` (DEM) nothing is compared with the terrain. ``drop_m``: height above the
+    ground from which blocks were released, at most; ``density_kgm3``: of rocks of which it was not
+    observed. What a finding says is left out is still in ``observations``: see ``without``.
     """
     found: list[ObservationFinding] = []
     left = observations
@@ -197,20 +185,23 @@ def _sizes(
     with np.errstate(invalid="ignore", divide="ignore"):
         ratio = axes / volume
     known = np.isfinite(ratio)
-    full = known & (ratio > _FULL_AXES)
+    full = known & (ratio > FULL_AXES_RATIO)
     middle = float(np.median(ratio[known])) if known.any() else 1.0
-    if middle > _FULL_AXES:
+    if middle > FULL_AXES_RATIO:
         found = f"ellipsoids of {middle:,.0f} times the volume of the rocks"
         # Also of full axes in that unit.
-        unit = next((u for u, f in _UNITS.items() if f / _NEAR < middle < 8.0 * _NEAR * f), "")
-        tonnes = _TONNES / _NEAR < middle < _NEAR * _TONNES
+        unit = next(
+            (u for u, f in AXES_UNITS.items() if f / UNIT_FACTOR < middle < 8.0 * UNIT_FACTOR * f),
+            "",
+        )
+        tonnes = TONNE_KG / UNIT_FACTOR < middle < UNIT_FACTOR * TONNE_KG
         by_mass = ~np.isfinite(rocks.volume_m3[known]).any()
         fault = "tonnes" if tonnes and by_mass else "unit of axes" if unit else "full axes"
         yield from RULES[fault].at(obs, "rocks", known, found, unit=unit)
     elif full.any():
         found = f"an ellipsoid of {ratio[full].max():.1f} times the volume of the rock"
         yield from RULES["large axes"].at(obs, "rocks", full, found)
-    if (small := known & (ratio < 1.0 / _FULL_AXES)).any():
+    if (small := known & (ratio < 1.0 / FULL_AXES_RATIO)).any():
         found = f"an ellipsoid of {ratio[small].min():.2g} times the volume of the rock"
         yield from RULES["small axes"].at(obs, "rocks", small, found)
     for name, table in obs.tables.items():
@@ -219,14 +210,14 @@ def _sizes(
             continue
         with np.errstate(invalid="ignore", divide="ignore"):
             own = numbers["mass_kg"] / numbers["volume_m3"]
-        odd = np.isfinite(own) & ((own < _LIGHTEST_KGM3) | (own > _HEAVIEST_KGM3))
+        odd = np.isfinite(own) & ((own < LIGHTEST_ROCK_KGM3) | (own > HEAVIEST_ROCK_KGM3))
         middle = float(np.median(own[odd])) if odd.any() else math.nan
         # In kg/m³ of a rock: between, where tonnes were meant; above, grams or litres.
         unit = "tonnes" if 0.9 <= middle <= 5.0 else "grams or litres" if middle > 1e5 else ""
         rule = RULES["unit of mass" if unit else "mass and volume"]
         yield from rule.at(obs, name, odd, f"{middle:.3g} kg/m³", unit=unit)
     density = rocks.density_kgm3
-    odd = np.isfinite(density) & ((density < _LIGHTEST_KGM3) | (density > _HEAVIEST_KGM3))
+    odd = np.isfinite(density) & ((density < LIGHTEST_ROCK_KGM3) | (density > HEAVIEST_ROCK_KGM3))
     middle = float(np.median(density[odd])) if odd.any() else math.nan
     problem = "look like g/cm³" if middle < 6.0 else "not the density of a rock"
     yield from RULES["density"].at(obs, "rocks", odd, f"{middle:.4g}", problem=problem)
@@ -276,12 +267,6 @@ def empty_tables(observations: Observations, read: Iterable[str]) -> list[Observ
             )
         )
     return found
-
-
-#: Heights of the same ground in two height systems differ by more than this (m).
-_OFFSET_M = 1.5
-#: Rocks are released up to this high above the ground (m).
-_RELEASE_HEIGHT_M = 5.0
 
 
 def check_near_stations(obs: Observations, grid: Grid | None) -> Iterator[ObservationFinding]:
@@ -404,7 +389,7 @@ def check_offsets(obs: Observations, grid: Grid | None) -> Iterator[ObservationF
     if grid is None:
         return
     limit = max(
-        _OFFSET_M,
+        HEIGHT_OFFSET_M,
         0.5 * grid.cell_size,
         SIGMAS * stated_or(obs.metadata.position_error_m, POSITION_ERROR_M),
     )
@@ -418,7 +403,7 @@ def check_offsets(obs: Observations, grid: Grid | None) -> Iterator[ObservationF
             over = np.where(np.isfinite(numbers["height_m"]) | (over < 0.0), over, np.nan)
         if table == "rocks":
             # Released from a bucket or a ledge: above the ground is no fault.
-            over = np.where((over > 0.0) & (over < _RELEASE_HEIGHT_M), 0.0, over)
+            over = np.where((over > 0.0) & (over < RELEASE_HEIGHT_M), 0.0, over)
         known = np.isfinite(over)
         if not known.any():
             continue

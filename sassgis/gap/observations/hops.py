@@ -12,27 +12,17 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from sassgis.gap.observations.observed import (
-    GRAVITY,
-    ObservationFinding,
-    Observations,
-    rock_radii_m,
-)
+from sassgis.gap.constants import GRAVITY_MPS2, SPEED_OVER_S
+from sassgis.gap.observations.observed import ObservationFinding, Observations, rock_radii_m
 from sassgis.gap.observations.tables import Passages
 from sassgis.grid import FloatArray, IntArray
 from sassgis.settings.profiles import TraceSet
 from sassgis.terrain.flatten import crossings
 
-#: Time over which the speed of the centre is taken (s).
-SPEED_OVER_S = 1.0
-
 
 @dataclass(frozen=True, slots=True)
 class ContactRows:
-    """Contacts of whole rocks in the order of rock and time, columns of shape (n,).
-
-    NaN where a number was not measured.
-    """
+    """Contacts of whole rocks by rock and time, columns of shape (n,); NaN where not measured."""
 
     rock: IntArray
     start_s: FloatArray
@@ -80,10 +70,7 @@ class _Ways:
     z: FloatArray
 
     def over_a_second(self, i: IntArray, clock_s: FloatArray, values: FloatArray) -> FloatArray:
-        """Return the change of ``values`` over the second around a time, on the ways of positions.
-
-        At the ends of a way the second next to it; NaN on a shorter way.
-        """
+        """Return changes of ``values`` over the second around a time; NaN on shorter ways."""
         low, high = self.clock_s[self.first[i]], self.clock_s[self.last[i]]
         start = np.clip(clock_s - 0.5 * SPEED_OVER_S, low, high - SPEED_OVER_S)
         before, after = (
@@ -112,8 +99,8 @@ def contacts_of(observations: Observations) -> ContactRows:
 def hops_of(contacts: ContactRows) -> Hops:
     """Return the hops between contacts that follow each other.
 
-    A contact of which the place is not known ends a hop and begins the next one all the same: only
-    their chords are NaN.
+    A contact without a place ends a hop and begins the next one all the same: only their chords are
+    NaN.
     """
     i = np.flatnonzero(contacts.rock[:-1] == contacts.rock[1:])
     j = i + 1
@@ -126,25 +113,18 @@ def hops_of(contacts: ContactRows) -> Hops:
     spins = contacts.rotation_after_hz[i], contacts.rotation_before_hz[j]
     rotation = 0.5 * (np.fmax(*spins) + np.fmin(*spins))
     return Hops(
-        i, contacts.rock[i], time, between, length, -dz, speed, GRAVITY * time**2 / 8.0, rotation
+        first=i, rock=contacts.rock[i], time_s=time, between_s=between, length_m=length, drop_m=-dz,
+        speed_mps=speed, height_m=GRAVITY_MPS2 * time**2 / 8.0, rotation_hz=rotation,
     )  # fmt: skip
 
 
 def contact_numbers(contacts: ContactRows, radius_m: FloatArray) -> dict[str, FloatArray]:
     """Return numbers of each rock from its contacts, shape (n_rocks,); NaN of rocks without any.
 
-    Parameters
-    ----------
-    radius_m : float64, shape (n_rocks,)
-        Mean radius of the rocks (m).
-
-    Returns
-    -------
-    dict
-        ``contacts``: their number; ``fastest_second``: greatest speed over a second (m/s);
-        ``between_contacts``: median time from the middle of one to that of the next (s);
-        ``hop_length`` and ``hop_height`` (m): median, and 90 % quantile with ``_90``;
-        ``rim_ratio``: median of spin times radius over speed.
+    ``contacts``: their number; ``fastest_second``: greatest speed over a second (m/s);
+    ``between_contacts``: median time from the middle of one to that of the next (s); ``hop_length``
+    and ``hop_height`` (m): median, and 90 % quantile with ``_90``; ``rim_ratio``: median of spin
+    times radius over speed.
     """
     n = radius_m.size
     hops, ways = hops_of(contacts), _ways_of(contacts)
@@ -174,9 +154,9 @@ def contact_numbers(contacts: ContactRows, radius_m: FloatArray) -> dict[str, Fl
 def passages_of(observations: Observations) -> Passages:
     """Return passages of whole rocks at the stations, from their contacts.
 
-    Where the way from one contact to the next first crosses the line of a station: speed of the
-    centre over the second around; spin of the hop; and height, that of the centre of a rock that
-    rests on the slope of this way, and ½ g t (T - t) at the time t of a hop that takes T.
+    Where the way between two contacts first crosses a station: speed of the centre over the second
+    around; spin of the hop; and height, that of the centre of a rock that rests on the slope of
+    this way, and ½ g t (T - t) at the time t of a hop that takes T.
     """
     contacts, names = contacts_of(observations), np.array(observations.rock_names)
     hops, ways = hops_of(contacts), _ways_of(contacts)
@@ -210,7 +190,7 @@ def passages_of(observations: Observations) -> Passages:
     hop = np.array([hop_at.get(row, -1) for row in ways.row[i].tolist()], np.int64)
     hop[ways.row[i + 1] != ways.row[i] + 1] = -1
     time, rotation = (np.append(v, np.nan)[hop] for v in (hops.time_s, hops.rotation_hz))
-    above = 0.5 * GRAVITY * time**2 * part * (1.0 - part)
+    above = 0.5 * GRAVITY_MPS2 * time**2 * part * (1.0 - part)
     radius = rock_radii_m(observations)[ways.rock[i]]
     with np.errstate(invalid="ignore", divide="ignore"):
         rest = radius / np.sqrt(1.0 - (fall / way) ** 2)
@@ -253,7 +233,9 @@ def _ways_of(contacts: ContactRows) -> _Ways:
     length = np.hypot(level, np.nan_to_num(np.diff(z, prepend=0.0)))
     steps = ((np.diff(middle, prepend=0.0), SPEED_OVER_S), (length, 0.0), (level, 0.0))
     clock, way, level = (np.cumsum(np.where(new, other, own)) for own, other in steps)
-    return _Ways(row, rock, first, last, clock, way, level, z)
+    return _Ways(
+        row=row, rock=rock, first=first, last=last, clock_s=clock, way_m=way, level_m=level, z=z,
+    )  # fmt: skip
 
 
 def _quantile(rock: IntArray, values: FloatArray, share: float, n_rocks: int) -> FloatArray:

@@ -8,14 +8,25 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
-from sassgis.gap.observations.hops import contact_order, contacts_of, hops_of
-from sassgis.gap.observations.observed import (
-    GRAVITY,
+from sassgis.gap.constants import (
+    FAST_ROCKS_SHARE,
+    FEWEST_FAST_ROCKS,
+    GRAVITY_MPS2,
     HEIGHT_ERROR_M,
+    KMH_PER_MPS,
+    MILLISECONDS_MPS,
+    OTHER_UNIT_SCALE,
     POSITION_ERROR_M,
-    RULES,
+    RIM_RATIO,
+    SCALE_FALL_M,
+    SCALE_FLIGHTS,
     SIGMAS,
     SPEED_ERROR_REL,
+    USUAL_SCALE,
+)
+from sassgis.gap.observations.hops import contact_order, contacts_of, hops_of
+from sassgis.gap.observations.observed import (
+    RULES,
     ObservationFinding,
     Observations,
     height_errors_m,
@@ -29,15 +40,6 @@ from sassgis.gap.observations.observed import (
 from sassgis.gap.observations.tables import TABLES, Column
 from sassgis.grid import FloatArray, Grid, IntArray
 
-_KMH = 3.6
-#: Falls between impacts that show a scale (m), their least number, and the scale that is certainly
-#: wrong.
-_LEAST_FALL_M, _LEAST_FLIGHTS, _SCALE_USUAL = 1.0, 12, 1.05
-#: Rocks, and share of them, from which on speeds that are too fast for the drop speak against the
-#: stated start, which a diagnosis looks for.
-_FEWEST_FAST, _SHARE_FAST = 5, 0.25
-#: Surface speed of a rock over its speed: rolling is 1, a median of twice that is another unit.
-_SPIN_RATIO = 2.0
 #: Rotations in other units, as multiples of turns, and of radians, per second.
 _TURNS = {
     "radians per second": 2.0 * math.pi,
@@ -45,10 +47,6 @@ _TURNS = {
     "degrees per second": 360.0,
 }
 _RADIANS = {"turns per minute": 30.0 / math.pi, "degrees per second": 180.0 / math.pi}
-#: A scale of speeds that no film has: another unit.
-_OTHER_UNIT = 1.8
-#: Speed along a path below which its times are in milliseconds (m/s).
-_MILLISECONDS_MPS = 0.1
 
 
 def check_impacts(obs: Observations, grid: Grid | None) -> Iterator[ObservationFinding]:
@@ -140,7 +138,7 @@ def check_ways(
     # Two places may be apart by their errors, however short the time.
     error = SIGMAS * math.sqrt(2.0) * position_m
     drop = np.maximum(tops_m(obs, grid, drop_m)[hops.rock] - contacts.z[there], 0.0) + error
-    fastest = np.sqrt(2.0 * GRAVITY * drop + start**2)
+    fastest = np.sqrt(2.0 * GRAVITY_MPS2 * drop + start**2)
     with np.errstate(invalid="ignore", divide="ignore"):
         speed = (hops.length_m - error) / hops.between_s
         ratio = speed / fastest
@@ -193,7 +191,7 @@ def _odd_spins(
     if known.sum() < 3:
         return
     middle = float(np.median(ratio[known]))
-    if middle <= _SPIN_RATIO:
+    if middle <= RIM_RATIO:
         return
     # Rims of rocks move at a third of their speed, or up to a little more than it.
     others = _TURNS if turns else _RADIANS
@@ -234,7 +232,7 @@ def check_trajectory_speeds(obs: Observations, grid: Grid | None) -> Iterator[Ob
             speed = np.interp(time, time[timed], speed[timed])
             steps = np.diff(time) * 0.5 * (speed[1:] + speed[:-1])
             ratios.append(float(steps[: kept[-1]].sum() / far))
-    if means and np.median(means) < _MILLISECONDS_MPS:
+    if means and np.median(means) < MILLISECONDS_MPS:
         slow = f"{np.median(means):.3g} m/s along the paths"
         yield from RULES["milliseconds"].at(obs, "trajectories", np.isfinite(path.t_s), slow)
         return
@@ -243,7 +241,7 @@ def check_trajectory_speeds(obs: Observations, grid: Grid | None) -> Iterator[Ob
     middle = float(np.median(ratios))
     if 0.7 <= middle <= 1.4:
         return
-    named = {_KMH: "km/h", 1.0 / 0.3048: "feet per second", 1e-3: "km/s"}
+    named = {KMH_PER_MPS: "km/h", 1.0 / 0.3048: "feet per second", 1e-3: "km/s"}
     unit = next((u for f, u in named.items() if 0.93 * f < middle < 1.07 * f), None)
     yield from RULES["unit of speed" if unit else "speed and time"].at(
         obs,
@@ -264,9 +262,7 @@ def _apart(points: FloatArray, span: float) -> IntArray:
 
 
 def fall_scale(obs: Observations, grid: Grid | None) -> tuple[float, float, int]:
-    """Return speeds at impacts over those that the falls between them give.
-
-    These are the middle, the lower bound and the number of flights.
+    """Return speeds at impacts over those that the falls between them give: middle, bound, flights.
 
     Energy gained from one impact to the next over that of the fall is the square of it. Air, stems
     and impacts that were not recorded only take energy, so that a scale above 1 is certain. The
@@ -277,11 +273,11 @@ def fall_scale(obs: Observations, grid: Grid | None) -> tuple[float, float, int]
     z, rock = heights_m(hit, grid)[order], hit.rock_id[order]
     into = (hit.vt_in_mps**2 + hit.vn_in_mps**2)[order]
     out = (hit.vt_out_mps**2 + hit.vn_out_mps**2)[order]
-    fell = 2.0 * GRAVITY * (z[:-1] - z[1:])
-    own = (rock[:-1] == rock[1:]) & (fell > 2.0 * GRAVITY * _LEAST_FALL_M)
+    fell = 2.0 * GRAVITY_MPS2 * (z[:-1] - z[1:])
+    own = (rock[:-1] == rock[1:]) & (fell > 2.0 * GRAVITY_MPS2 * SCALE_FALL_M)
     ratios = (into[1:] - out[:-1])[own] / fell[own]
     known = np.sort(ratios[np.isfinite(ratios)])
-    if known.size < _LEAST_FLIGHTS:
+    if known.size < SCALE_FLIGHTS:
         return 1.0, 1.0, int(known.size)
     low = max(int(0.5 * known.size - 0.98 * math.sqrt(known.size)), 0)
     middle, bound = np.sqrt(np.maximum([np.median(known), known[low]], 0.0)).tolist()
@@ -296,11 +292,11 @@ def check_drops(
     fast = [(table, own) for table, columns in TABLES.items() for own in columns if own.from_drop]
     scale, certain, flights = fall_scale(obs, grid)
     speeds = np.isfinite(obs.impacts.vt_in_mps)
-    if certain >= _OTHER_UNIT:
+    if certain >= OTHER_UNIT_SCALE:
         found = f"{scale:.1f} times what the falls between impacts give, {flights} flights"
         yield from RULES["unit of impacts"].at(obs, "impacts", speeds, found)
         fast = [(table, own) for table, own in fast if table != "impacts"]
-    elif certain < _SCALE_USUAL:
+    elif certain < USUAL_SCALE:
         scale = 1.0
     else:
         yield from RULES["scale"].at(
@@ -326,7 +322,7 @@ def check_drops(
             z = np.where(np.isfinite(z), z, station_heights_m(obs, grid, lowest=True))
         of_place = np.hypot(height_errors_m(data, grid, position_m), np.nan_to_num(of_top)[owner])
         drop = np.maximum(top[owner] - z, 0.0) + SIGMAS * np.hypot(height_m, of_place)
-        fastest = np.sqrt(2.0 * GRAVITY * drop + start[owner] ** 2)
+        fastest = np.sqrt(2.0 * GRAVITY_MPS2 * drop + start[owner] ** 2)
         ratio = speed / fastest
         known = np.isfinite(ratio)
         # Rows that only a wrong scale makes too fast are right but for that.
@@ -340,17 +336,17 @@ def check_drops(
         )
         many = too_fast.sum() > 0.4 * known.sum() and known.sum() >= 3
         # By how much each rock would have to start higher for its speeds (m).
-        lacking = ((speed / room) ** 2 - fastest**2) / (2.0 * GRAVITY)
+        lacking = ((speed / room) ** 2 - fastest**2) / (2.0 * GRAVITY_MPS2)
         attributed = too_fast & (owner >= 0)
         low, at = np.unique(owner[attributed], return_inverse=True)
         missing = np.zeros(low.size)
         np.maximum.at(missing, at, lacking[attributed])
         rocks = np.unique(owner[known & (owner >= 0)]).size
-        explained = np.mean(ratio[known] / _KMH <= 1.0 + SIGMAS * error) > 0.9
+        explained = np.mean(ratio[known] / KMH_PER_MPS <= 1.0 + SIGMAS * error) > 0.9
         if many and explained:
             rule, rows = RULES["km/h"], known
             says = f"median {np.median(speed[known]):.1f}; {says}"
-        elif not many and missing.size >= max(_FEWEST_FAST, _SHARE_FAST * rocks):
+        elif not many and missing.size >= max(FEWEST_FAST_ROCKS, FAST_ROCKS_SHARE * rocks):
             # What is missing at a slow contact says little: those that lack most show the start.
             more = float(np.quantile(missing, 0.9))
             words = {"rocks": missing.size, "all": rocks, "more": more}

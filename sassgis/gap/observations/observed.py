@@ -12,6 +12,7 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
+from sassgis.gap.constants import DENSITY_KGM3
 from sassgis.gap.observations.tables import (
     POINT_TABLES,
     TABLES,
@@ -72,10 +73,6 @@ def _rows(rows: Sequence[int]) -> str:
     return f"row{'s' if len(rows) > 1 else ''} {shown}{more}"
 
 
-#: Density where none is observed (kg/m³), to get a size from a mass.
-DENSITY_KGM3 = 2700.0
-
-
 @dataclass(frozen=True, slots=True)
 class Observations:
     """All that was observed, in the coordinates of the DEM; tables of length 0 where nothing."""
@@ -106,8 +103,7 @@ class Observations:
     def rock_names(self) -> tuple[str, ...]:
         """Names of the rocks, which are the units of resampling.
 
-        Those of the table of rocks, less the fragments listed there; if there is no such table, all
-        that turn up anywhere.
+        Those of the table of rocks, less the fragments listed there; without it, all that turn up.
         """
         if len(self.rocks):
             known = set(self.rocks.rock_id.tolist())
@@ -118,10 +114,7 @@ class Observations:
         return tuple(dict.fromkeys(root_of(name, known) for name in ids))
 
     def rock_of(self, table: str) -> IntArray:
-        """Return the place in ``rock_names`` of the rock that each row of a table belongs to.
-
-        Pieces belong to the rock they broke from. -1: an unattributed block.
-        """
+        """Return the place in ``rock_names`` of each row's rock, also of its fragments; or -1."""
         place = {name: i for i, name in enumerate(self.rock_names)}
         ids = self.tables[table].rock_id.tolist()
         found = {name: place.get(root_of(name, place), -1) for name in set(ids)}
@@ -139,18 +132,12 @@ class Observations:
         return np.where(self.is_piece(table), -1, self.rock_of(table))
 
     def of_rocks(self, values: FloatArray | BoolArray) -> FloatArray:
-        """Return a column of the table of rocks, in the order of ``rock_names``.
-
-        It is NaN for other rocks.
-        """
+        """Return a column of the table of rocks by ``rock_names``; NaN for other rocks."""
         stated = dict(zip(self.rocks.rock_id.tolist(), values.tolist(), strict=True))
         return np.array([stated.get(name, math.nan) for name in self.rock_names], np.float64)
 
     def paths_of_rocks(self, needed: FloatArray | float = 0.0) -> dict[int, IntArray]:
-        """Return rows of ``trajectories`` of each whole rock by time.
-
-        Rows have a place and, if given, a number in ``needed``.
-        """
+        """Return rows of ``trajectories`` by rock and time with a place, and what is ``needed``."""
         track = self.trajectories
         if not len(track):
             return {}
@@ -163,10 +150,7 @@ class Observations:
 
 
 def parent_of(rock_id: str) -> str | None:
-    """Return the rock that a fragment broke from, only by its name: R7 for R7.2.
-
-    It is None without a suffix.
-    """
+    """Return the rock that a fragment broke from, by its name: R7 for R7.2; or None."""
     stem, dot, suffix = rock_id.rpartition(".")
     return stem if dot and stem and suffix else None
 
@@ -174,8 +158,7 @@ def parent_of(rock_id: str) -> str | None:
 def root_of(rock_id: str, known: Iterable[str]) -> str:
     """Return the whole rock that a name goes back to: of a fragment, or a fragment of one (R7.2.1).
 
-    The shortest name in use that remains when suffixes are taken off; the name itself if there is
-    none. ``known``: names in use; a set makes it fast.
+    The shortest name in use (``known``) that remains when suffixes are taken off; else the name.
     """
     found, name = rock_id, rock_id
     while (parent := parent_of(name)) is not None:
@@ -186,10 +169,7 @@ def root_of(rock_id: str, known: Iterable[str]) -> str:
 
 
 def rock_masses_kg(observations: Observations) -> FloatArray:
-    """Return the mass of each rock of ``rock_names`` (kg): as weighed, else from its volume.
-
-    NaN unknown.
-    """
+    """Return masses of ``rock_names`` (kg): as weighed, else from the volume; NaN unknown."""
     rocks = observations.rocks
     density = np.where(np.isfinite(rocks.density_kgm3), rocks.density_kgm3, DENSITY_KGM3)
     axes = rocks.semi_axis_a_m * rocks.semi_axis_b_m * rocks.semi_axis_c_m
@@ -212,10 +192,7 @@ def rock_radii_m(observations: Observations) -> FloatArray:
 
 
 def without(observations: Observations, findings: Iterable[ObservationFinding]) -> Observations:
-    """Leave out what findings say is left out: values, rows or tables.
-
-    The findings are kept with the observations.
-    """
+    """Leave out what findings say is left out; the findings are kept with the observations."""
     tables: dict[str, Table] = dict(observations.tables)
     new = tuple(f for f in findings if f not in observations.findings)
     for finding in new:
@@ -258,16 +235,11 @@ class Rule:
         rows = observations.tables[table].row[which]
         if rows.size:
             yield ObservationFinding(
-                self.level,
-                self.problem.format(**words),
-                str(observations.files.get(table, "")),
-                table,
-                column or self.column,
-                tuple(rows.tolist()),
-                found,
-                self.expected.format(**words),
-                self.left_out,
-            )
+                level=self.level, problem=self.problem.format(**words),
+                file=str(observations.files.get(table, "")), table=table,
+                column=column or self.column, rows=tuple(rows.tolist()), found=found,
+                expected=self.expected.format(**words), left_out=self.left_out,
+            )  # fmt: skip
 
 
 _AXES = "semi_axis_a_m, semi_axis_b_m, semi_axis_c_m"
@@ -375,25 +347,13 @@ def nearest_of(name: str, known: Sequence[str]) -> str:
     return f"one of {some_of(known)}" + (f"; nearest: {close[0]}" if close else "")
 
 
-#: Of falls between observed points (m/s²).
-GRAVITY = 9.81
-#: Room for errors of measurement where none are stated.
-SPEED_ERROR_REL, HEIGHT_ERROR_M, POSITION_ERROR_M = 0.05, 0.25, 0.5
-MASS_ERROR_REL = 0.05
-#: Errors in units of the standard error that are still put down to the measurement.
-SIGMAS = 3.0
-
-
 def stated_or(value: float, otherwise: float) -> float:
     """Return the value that the metadata state, else what is usual or estimated."""
     return value if math.isfinite(value) else otherwise
 
 
 def tops_m(obs: Observations, grid: Grid | None, drop_m: float = 0.0) -> FloatArray:
-    """Return the height from which each rock came, at most; the last one for unattributed blocks.
-
-    Blocks are let go up to ``drop_m`` above the ground, or where their height is stated.
-    """
+    """Return the height from which each rock came, at most, up to ``drop_m`` above the ground."""
     z = obs.rocks.z
     if grid is not None:
         z = np.fmax(z, heights_at(grid, obs.rocks.x, obs.rocks.y) + drop_m)
@@ -415,10 +375,7 @@ def above_release_m(obs: Observations, grid: Grid | None) -> FloatArray:
 
 
 def heights_m(points: Table, grid: Grid | None) -> FloatArray:
-    """Return the height of each point of a table as stated, else of the ground below (m).
-
-    NaN unknown.
-    """
+    """Return the height of each point as stated, else of the ground below (m); NaN unknown."""
     own = points.numbers
     if grid is None:
         return own["z"]
@@ -426,10 +383,7 @@ def heights_m(points: Table, grid: Grid | None) -> FloatArray:
 
 
 def height_errors_m(points: Table, grid: Grid | None, position_m: float) -> FloatArray:
-    """Return the error of ground heights by an error of the place (m).
-
-    It is 0 for stated heights.
-    """
+    """Return errors of ground heights by that of the place (m); 0 for stated heights."""
     own = points.numbers
     if grid is None:
         return np.zeros(len(points))

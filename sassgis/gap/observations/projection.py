@@ -12,6 +12,7 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
+from sassgis.gap.constants import LINE_DIRECTION_M, LINE_END_M
 from sassgis.gap.observations.observed import Observations
 from sassgis.gap.observations.tables import POINT_TABLES, Stations
 from sassgis.grid import FloatArray, Grid, IntArray
@@ -19,13 +20,6 @@ from sassgis.settings.profiles import ReleasePoints, TraceSet
 from sassgis.terrain.flatten import chainage_to_xy, crossings, xy_to_chainage
 from sassgis.terrain.heights import heights_at
 from sassgis.terrain.release import point_keys
-
-#: Points nearer to an end of the line than this (m) may lie beyond it.
-_END_M = 1e-6
-#: Length at the end of a line that gives its direction beyond (m).
-_LAST_M = 10.0
-#: Stations are prolonged by this much: a fall line may pass just next to one (m).
-PROLONG_M = 100.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,27 +36,11 @@ class Projected:
     beyond: NDArray[np.int8]
 
 
-@dataclass(frozen=True, slots=True)
-class StationChainages:
-    """Where fall lines cross stations."""
-
-    #: Chainage of the first crossing (m), shape (n_lines, n_stations); NaN where there is none.
-    s: FloatArray
-    #: Stations from the top down by the median chainage, those that no line crosses last.
-    order: IntArray
-
-
 def observed_release_points(observations: Observations) -> tuple[ReleasePoints, IntArray]:
-    """Return the release points of the rocks that have one, for tracing their fall lines.
+    """Return the release points of rocks that have one, and the place of each in ``rock_names``.
 
     Each rock is a separate area, named after it: its random draws do not depend on which other
     rocks were observed.
-
-    Returns
-    -------
-    points : ReleasePoints
-    rock : int64, shape (len(points),)
-        Place of each in ``observations.rock_names``.
     """
     x, y = (observations.of_rocks(v) for v in (observations.rocks.x, observations.rocks.y))
     rock = np.flatnonzero(np.isfinite(x + y))
@@ -73,10 +51,7 @@ def observed_release_points(observations: Observations) -> tuple[ReleasePoints, 
 
 
 def nearest_lines(traces: TraceSet, x: FloatArray, y: FloatArray) -> IntArray:
-    """Find the line nearest to each point (m), for blocks of unknown release, shape (n,).
-
-    The first of equally near ones; -1 for a missing point or if there are no lines.
-    """
+    """Find the line nearest to each point (m), (n,), the first of equals; -1 for none."""
     lines = np.full(np.size(x), -1, np.int64)
     known = np.flatnonzero(np.isfinite(x) & np.isfinite(y))
     if not len(traces) or not known.size:
@@ -106,19 +81,10 @@ def project(
 ) -> Projected:
     """Put points into the planes of fall lines.
 
-    Parameters
-    ----------
-    line : int64, shape (n,)
-        Line of each point; -1 for none.
-    x, y : float64, shape (n,)
-        Coordinates (m); NaN where they are missing.
-    z : float64, shape (n,), optional
-        Heights (m).
-    grid : Grid, optional
-        The ground under the points. This is what a height above the ground refers to: next to the
-        line the ground has another height than on it.
-    prolonged : bool
-        Whether lines go straight on beyond their end.
+    ``line``: that of each point, -1 for none; ``x``, ``y``, ``z``: coordinates (m), NaN where
+    missing, shape (n,). ``grid``: the ground under the points, to which heights refer: next to the
+    line it has another height than on it. ``prolonged``: whether lines go straight on beyond their
+    end.
     """
     x, y, line = np.asarray(x), np.asarray(y), np.asarray(line)
     n = x.size
@@ -147,8 +113,8 @@ def _past_the_end(
     last = traces.offset[line + 1] - 1
     first_s = traces.s[traces.offset[line]]
     lx, ly, ls = traces.x[last], traces.y[last], traces.s[last]
-    from_x, from_y = chainage_to_xy(traces, line, np.maximum(ls - _LAST_M, first_s))
-    size = np.maximum(np.hypot(lx - from_x, ly - from_y), _END_M)
+    from_x, from_y = chainage_to_xy(traces, line, np.maximum(ls - LINE_DIRECTION_M, first_s))
+    size = np.maximum(np.hypot(lx - from_x, ly - from_y), LINE_END_M)
     east, north = (lx - from_x) / size, (ly - from_y) / size
     ahead, aside = x - lx, y - ly
     return ls + ahead * east + aside * north, ahead * north - aside * east
@@ -164,8 +130,8 @@ def _beyond(
     ahead = (x - lx[last]) * (lx[last] - lx[before]) + (y - ly[last]) * (ly[last] - ly[before])
     behind = (x - lx[first]) * (lx[second] - lx[first]) + (y - ly[first]) * (ly[second] - ly[first])
     result = np.zeros(x.size, np.int8)
-    result[(s >= ls[last] - _END_M) & (ahead > _END_M)] = 1
-    result[(s <= ls[first] + _END_M) & (behind < -_END_M)] = -1
+    result[(s >= ls[last] - LINE_END_M) & (ahead > LINE_END_M)] = 1
+    result[(s <= ls[first] + LINE_END_M) & (behind < -LINE_END_M)] = -1
     return result
 
 
@@ -177,21 +143,10 @@ def project_observations(
     grid: Grid,
     prolonged: bool = False,
 ) -> dict[str, Projected]:
-    """Put all observed points into the planes of their rocks' fall lines.
+    """Put all observed points into the planes of their rocks' fall lines, by table, row by row.
 
-    Points that belong to no rock with a line are put on the nearest line.
-
-    Parameters
-    ----------
-    line_of_rock : int64, shape (len(observations.rock_names),)
-        Fall line of each rock; -1 for a rock without one.
-    grid, prolonged
-        See ``project``.
-
-    Returns
-    -------
-    dict of table to Projected
-        For rocks (their release points), passages, impacts, deposits and trajectories, row by row.
+    Points that belong to no rock with a line are put on the nearest line. ``line_of_rock``: -1 for
+    a rock without one, shape (len(observations.rock_names),).
     """
     found = {}
     lookup = np.append(line_of_rock, -1)
@@ -208,22 +163,19 @@ def project_observations(
 
 def station_chainages(
     traces: TraceSet, stations: Stations, *, prolong_m: float = 0.0
-) -> StationChainages:
-    """Find where each fall line crosses each station.
+) -> FloatArray:
+    """Find where each fall line first crosses each station (m), (n_lines, n_stations); or NaN.
 
-    Stations are prolonged straight on at both ends by ``prolong_m`` (m): a fall line may pass just
-    next to a line across the slope that every rock crossed.
+    Stations are prolonged by ``prolong_m``: a line may pass just next to what every rock crossed.
     """
-    s, middle = np.full((len(traces), len(stations)), np.nan), np.full(len(stations), np.inf)
+    s = np.full((len(traces), len(stations)), np.nan)
     for j, vertices in enumerate(stations.vertices):
         if vertices.shape[0] < 2:
             continue
         line, chainage = crossings(traces, prolonged(vertices, prolong_m))
         # Crossings of a line come by rising chainage: written backwards, the first one stays.
         s[line[::-1], j] = chainage[::-1]
-        if line.size:
-            middle[j] = np.nanmedian(s[:, j])
-    return StationChainages(s, np.argsort(middle, kind="stable"))
+    return s
 
 
 def prolonged(vertices: FloatArray, by_m: float) -> FloatArray:

@@ -100,15 +100,7 @@ class Table:
 
     @classmethod
     def of(cls: type[T], **columns: Any) -> T:
-        """Make a table of the columns given; numbers that are not given are NaN.
-
-        Raises
-        ------
-        ValueError
-            If the columns differ in length.
-        TypeError
-            If there is no such column.
-        """
+        """Make a table of columns, NaN without. ValueError, TypeError if they do not fit."""
         given = {k: v for k, v in columns.items() if v is not None}
         n = max((len(v) for v in given.values()), default=0)
         given.setdefault("row", np.arange(1, n + 1))

@@ -18,48 +18,38 @@ from numpy.lib.stride_tricks import sliding_window_view
 from sassgis.engine.effects.registry import EFFECTS
 from sassgis.engine.effects.trees import Trees
 from sassgis.engine.simulate import simulate
+from sassgis.gap.constants import (
+    ALOFT_M,
+    CERTAIN_ERROR,
+    CLEAR_M,
+    FALLING_SHARE,
+    GROUND_BRAKE_MPS2,
+    GROUND_CONE,
+    KINK_MPS,
+    KINK_SIGMAS,
+    LEVEL_SPEED_MPS,
+    LOSS_SIDE_POINTS,
+    LOSS_SIDE_S,
+    PATH_POINTS,
+    PATH_SPEED_MPS,
+    ROLLED_RUNS,
+    ROLLING_M,
+    ROLLING_S,
+    SLIDING_SHARE,
+    TRIMMED_POINTS,
+)
 from sassgis.gap.forward.released_rocks import fixed_blocks
 from sassgis.gap.forward.rock_lines import repeated
 from sassgis.gap.observations.campaign import errors_of
 from sassgis.gap.observations.case import Case
 from sassgis.gap.residuals.rock_residuals import Residual, beyond, mean_of_draws
-from sassgis.gap.residuals.stop_residuals import RunModel
+from sassgis.gap.residuals.stop_residuals import FreeRun
 from sassgis.grid import BoolArray, FloatArray, IntArray
 from sassgis.settings.profiles import ControlLineCrossings
 from sassgis.settings.results import ControlLine
 
 #: Effects that act between impacts; the flights that are compared here have none of them.
 FLIGHT_EFFECTS = tuple(row.name for row in EFFECTS.values() if row.phase == "flight")
-#: Height above the resting position from which a rock counts as flying (m).
-CLEAR_M = 0.3
-#: Points that a flight, and a stretch along the ground, must have.
-_LEAST_POINTS = 8
-#: Points at both ends of a stretch that are left out.
-_TRIM = 1
-#: Shortest stretch along the ground (s).
-_LEAST_ROLLING_S = 0.8
-_LEAST_WAY_M, _LEAST_SPEED_MPS = 2.0, 0.5
-#: A rock that turns by less than this share of rolling slides.
-_SLIDES = 0.3
-#: Upward speed that a contact gives (m/s); share of stated errors that is certain.
-_UPWARD_MPS, _CERTAIN = 1.0, 0.5
-#: What the ground takes along it, over what it gives away from it, at most: friction of 0.8 on a
-#: spot that is tilted by 25 degrees against the way.
-_CONE = 2.0
-#: Height above the resting position from which a loss is none of the ground or of what lies on it
-#: (m), and level speed below which none is looked for (m/s).
-_ABOVE_M, _LEAST_LEVEL_MPS = 0.8, 3.0
-#: Time on both sides of a point over which velocities are taken (s), and points that it holds.
-_BESIDE_S, _LEAST_BESIDE = 0.5, 4
-#: A path between two contacts that falls with less than this share of gravity was none through the
-#: air. A kink upwards of so many standard deviations is a contact that was not noted.
-_FALLS, _SURE = 0.5, 4.0
-#: Acceleration on the ground that is within the errors of the comparison (m/s²): paths along it
-#: have low hops, whose contacts are in no table. Synthetic sites of the law of the model brake by
-#: up to half of one more there.
-_GROUND_MPS2 = 0.6
-#: Runs of each stretch along the ground, in each of two orientations.
-_ROLLED = 5
 _Bounds = tuple[IntArray, IntArray]
 
 
@@ -72,31 +62,22 @@ class _Piece:
     values: dict[str, tuple[float, float, float]]
 
 
-def path_residuals(
-    case: Case, model: RunModel, edges: FloatArray, axes_m: FloatArray
-) -> list[Residual]:
+def path_residuals(case: Case, run: FreeRun, edges: FloatArray) -> list[Residual]:
     """Return residuals of flights and of stretches along the ground, by reach and over all.
 
-    Weighted by how closely each flight is measured.
-
-    Parameters
-    ----------
-    edges : float64, shape (n_reaches, 2)
-        Limits of the reaches (m).
-    axes_m : float64, shape (n_rocks, k, 3)
-        Semi-axes of each rock as the model draws them, longest first (m).
+    Weighted by how closely each is measured. ``edges``: limits of the reaches (m), (n_reaches, 2).
     """
     flights: list[_Piece] = []
-    round_m = _rolling_radius(axes_m)
+    round_m = rolling_radius(run.axes_m)
     rolling: list[_Stretch] = []
-    for path, bounds, impacted in _bounded(case, round_m):
-        flights += [_fitted(case, path, own) for own in _flights(case, path, bounds, impacted)]
+    for path, bounds, impacted in bounded_paths(case, round_m):
+        flights += [_fitted(case, path, own) for own in flights_of(case, path, bounds, impacted)]
         rolling += _along_ground(path, bounds, float(round_m[path.rock]))
     found = []
-    if not any(e in model.moving.effects.names for e in FLIGHT_EFFECTS):
+    if not any(e in run.model.effects.names for e in FLIGHT_EFFECTS):
         found += _by_reach(case, edges, flights, "flight")
-    if not model.moving.effects.get(Trees):
-        found += _by_reach(case, edges, _rolled(case, model, rolling, round_m), "rolling")
+    if not run.model.effects.get(Trees):
+        found += _by_reach(case, edges, _rolled(case, run, rolling, round_m), "rolling")
     return found
 
 
@@ -107,30 +88,21 @@ def struck_above_ground(
 
     Whatever the ground does, its impulse lies in a cone about its normal: friction and tilts of
     single spots make it as wide as they can. Several contacts together stay in it, as it is convex.
-    A stem takes speed along the ground and gives none away from it. ``axes_m``: as for
-    ``path_residuals``.
+    A stem takes speed along the ground and gives none away from it.
 
-    Returns
-    -------
-    rock : int64, shape (n,)
-        One row for each path of which a part lies high enough above the ground.
-    s : float64, shape (n,)
-        Chainage (m).
-    before, after : float64, shape (n,)
-        Speed before, and that less what is lost beyond the cone (m/s).
-    sd : float64, shape (n,)
-        Standard deviation of the difference.
+    Rock, chainage (m), speed before, and that less what is lost beyond the cone (m/s), and the
+    standard deviation of the difference, of each path of which a part lies high enough; shape (n,).
     """
     found = [
         (path.rock, *loss)
-        for path, _, _ in _bounded(case, _rolling_radius(axes_m))
-        if (loss := _struck(case, path)) is not None
+        for path, _, _ in bounded_paths(case, rolling_radius(axes_m))
+        if (loss := surest_loss(case, path)) is not None
     ]
     rock, (s, before, after, sd) = _columns(found)
     return rock, s, before, after, sd
 
 
-def _struck(case: Case, path: _Path) -> tuple[float, float, float, float] | None:
+def surest_loss(case: Case, path: TimedPath) -> tuple[float, float, float, float] | None:
     """Return chainage of the surest loss beyond the cone, speed before and after, and the error."""
     g, n = case.engine.gravity_mps2, path.t.size
     t = path.t - path.t[0]
@@ -139,9 +111,9 @@ def _struck(case: Case, path: _Path) -> tuple[float, float, float, float] | None
     k = np.arange(2, n - 1)
     # Between points k - 1 and k, with two points on both sides.
     middle = 0.5 * (t[k - 1] + t[k])
-    first, last = (np.searchsorted(t, middle + by) for by in (-_BESIDE_S, _BESIDE_S))
+    first, last = (np.searchsorted(t, middle + by) for by in (-LOSS_SIDE_S, LOSS_SIDE_S))
     above = sliding_window_view(path.above, 4).min(axis=1)
-    own = (k - first >= _LEAST_BESIDE) & (last - k >= _LEAST_BESIDE) & (above > _ABOVE_M)
+    own = (k - first >= LOSS_SIDE_POINTS) & (last - k >= LOSS_SIDE_POINTS) & (above > ALOFT_M)
     if not own.any():
         return None
     k, first, last, middle = k[own], first[own], last[own], middle[own]
@@ -155,10 +127,10 @@ def _struck(case: Case, path: _Path) -> tuple[float, float, float, float] | None
     _, dip = case.ground_at(np.full(k.size, path.rock), path.s[k])
     along = ahead * np.cos(dip) - up * np.sin(dip)
     away = ahead * np.sin(dip) + up * np.cos(dip)
-    lost = -along - _CONE * np.maximum(away, 0.0)
-    stated = _CERTAIN * errors_of(case).position_m
+    lost = -along - GROUND_CONE * np.maximum(away, 0.0)
+    stated = CERTAIN_ERROR * errors_of(case).position_m
     sd = np.maximum(stated, np.sqrt(0.5 * (left_0 + left_1))) * np.sqrt(1 / square_0 + 1 / square_1)
-    sure = np.where(level > _LEAST_LEVEL_MPS, lost / sd, -np.inf)
+    sure = np.where(level > LEVEL_SPEED_MPS, lost / sd, -np.inf)
     best = int(np.argmax(sure))
     if not math.isfinite(sure[best]):
         return None
@@ -169,16 +141,7 @@ def _struck(case: Case, path: _Path) -> tuple[float, float, float, float] | None
 def _lines(
     t: FloatArray, places: FloatArray, first: IntArray, last: IntArray
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return straight lines in time through points first to last - 1, for many of these at once.
-
-    Returns
-    -------
-    slope : float64, shape (n, 3)
-    left : float64, shape (n,)
-        Variance of a place about the line.
-    square : float64, shape (n,)
-        Sum of squares of the times about their mean.
-    """
+    """Fit lines in time to points first to last - 1: slopes (n, 3), variances, squares (n,)."""
     off = places - places.mean(axis=0)
     columns = np.column_stack([np.ones(t.size), t, t * t, off, off * t[:, None], off * off])
     sums = np.concatenate([np.zeros((1, columns.shape[1])), np.cumsum(columns, axis=0)])
@@ -195,26 +158,19 @@ def _lines(
 def air_of_flights(
     case: Case, axes_m: FloatArray
 ) -> tuple[IntArray, FloatArray, FloatArray, FloatArray, FloatArray]:
-    """Compute what bends flights in plan, where gravity does not; parameters as ``path_residuals``.
+    """Compute what bends flights of paths in time in plan, where gravity does not, shape (n,) each.
 
-    Returns
-    -------
-    rock : int64, shape (n,)
-        One row for each flight of a path in time.
-    ahead, across : float64, shape (n,)
-        Acceleration along the level velocity, and to the right of it (m/s²).
-    sd : float64, shape (n,)
-        Of both, by the stated error of positions.
-    speed2 : float64, shape (n,)
-        Speed times level speed: air brakes in proportion to it (m²/s²).
+    Rock, acceleration along the level velocity and to the right of it (m/s²), the standard
+    deviation of both by the stated error of positions, and speed times level speed (m²/s²), to
+    which air brakes in proportion.
     """
     error = errors_of(case).position_m
     found = [
         (path.rock, bend.ahead, bend.across, 2.0 * error / math.sqrt(bend.weight), bend.speed2)
-        for path, bounds, impacted in _bounded(case, _rolling_radius(axes_m))
-        for own in _flights(case, path, bounds, impacted)
+        for path, bounds, impacted in bounded_paths(case, rolling_radius(axes_m))
+        for own in flights_of(case, path, bounds, impacted)
         for bend in (_bend(path, own),)
-        if bend.level > _LEAST_LEVEL_MPS
+        if bend.level > LEVEL_SPEED_MPS
     ]
     rock, (ahead, across, sd, speed2) = _columns(found)
     return rock, ahead, across, sd, speed2
@@ -237,7 +193,7 @@ class _Bend(NamedTuple):
     weight: float  # inverse of the variance of half an acceleration, for places of variance one
 
 
-def _bend(path: _Path, own: slice) -> _Bend:
+def _bend(path: TimedPath, own: slice) -> _Bend:
     t = path.t[own] - path.t[own].mean()
     places = np.column_stack([path.x[own], path.y[own], path.z[own]])
     bend, velocity, _ = np.polyfit(t, places, 2)
@@ -249,17 +205,14 @@ def _bend(path: _Path, own: slice) -> _Bend:
     linear = t * float(square @ t) / float(t @ t)
     level = math.hypot(velocity[0], velocity[1])
     return _Bend(
-        2.0 * float(bend[0] * ux + bend[1] * uy),
-        2.0 * float(bend[0] * uy - bend[1] * ux),
-        2.0 * float(bend[2]),
-        level,
-        level * math.hypot(level, float(velocity[2])),
+        2.0 * float(bend[0] * ux + bend[1] * uy), 2.0 * float(bend[0] * uy - bend[1] * ux),
+        2.0 * float(bend[2]), level, level * math.hypot(level, float(velocity[2])),
         float(((square - linear) ** 2).sum()),
-    )
+    )  # fmt: skip
 
 
 @dataclass(frozen=True, slots=True)
-class _Path:
+class TimedPath:
     """Points of one rock by time; ``above`` is the height over the resting position (m)."""
 
     rock: int
@@ -273,27 +226,26 @@ class _Path:
     rotation: FloatArray
 
 
-def _rolling_radius(axes_m: FloatArray) -> FloatArray:
-    """Return the radius of each rock on which it rolls.
-
-    It stands on a circle between its longer axes (m).
-    """
+def rolling_radius(axes_m: FloatArray) -> FloatArray:
+    """Return radii on which rocks roll (m): they stand on a circle between their longer axes."""
     radius: FloatArray = 0.5 * (axes_m[:, :, 0] + axes_m[:, :, 1]).mean(axis=1)
     return radius
 
 
-def _bounded(case: Case, round_m: FloatArray) -> Iterator[tuple[_Path, _Bounds, bool]]:
+def bounded_paths(case: Case, round_m: FloatArray) -> Iterator[tuple[TimedPath, _Bounds, bool]]:
     """Yield each path, the points between which its impacts happened, and if these are known."""
     seen, put = case.observations, case.projected["trajectories"]
     track = seen.trajectories
     columns = (track.t_s, track.x, track.y, track.z, put.s, track.speed_mps, track.rotation_hz)
     hit, none, impacted = _impact_points(case), np.empty(0), set(seen.rock_of("impacts").tolist())
     for rock, rows in seen.paths_of_rocks(put.height_m).items():
-        if rows.size >= _LEAST_POINTS and case.line[rock] >= 0:
+        if rows.size >= PATH_POINTS and case.line[rock] >= 0:
             t, x, y, z, s, speed, rotation = (v[rows] for v in columns)
             _, dip = case.ground_at(np.full(rows.size, rock), s)
             above = _smooth(put.height_m[rows] - round_m[rock] / np.cos(dip))
-            path = _Path(rock, t, x, y, z, s, above, speed, rotation)
+            path = TimedPath(
+                rock=rock, t=t, x=x, y=y, z=z, s=s, above=above, speed=speed, rotation=rotation,
+            )  # fmt: skip
             bounds = _bounds(path, *hit.get(rock, (none, none)), errors_of(case).position_m)
             yield path, bounds, rock in impacted
 
@@ -319,11 +271,10 @@ def _impact_points(case: Case) -> dict[int, tuple[FloatArray, FloatArray]]:
     }
 
 
-def _bounds(path: _Path, x: FloatArray, y: FloatArray, error_m: float) -> _Bounds:
+def _bounds(path: TimedPath, x: FloatArray, y: FloatArray, error_m: float) -> _Bounds:
     """Return points of a path between which its impacts happened, rising; empty if none are known.
 
-    An impact is known by its position: among points that lie closer than the error of positions it
-    may have happened at any.
+    Of points that lie closer than the error of positions it may have happened at any.
     """
     if not x.size:
         return np.empty(0, np.int64), np.empty(0, np.int64)
@@ -335,8 +286,8 @@ def _bounds(path: _Path, x: FloatArray, y: FloatArray, error_m: float) -> _Bound
     return np.maximum(at - reach, 0), np.minimum(at + reach, path.t.size - 1)
 
 
-def _flights(case: Case, path: _Path, bounds: _Bounds, impacted: bool) -> list[slice]:
-    """Return flights between impacts; where none are known, stretches high enough above the ground.
+def flights_of(case: Case, path: TimedPath, bounds: _Bounds, impacted: bool) -> list[slice]:
+    """Return flights between impacts, or stretches high above the ground where none are known.
 
     Light contacts are not always noted: what touched the ground on the way is no flight.
     """
@@ -344,23 +295,24 @@ def _flights(case: Case, path: _Path, bounds: _Bounds, impacted: bool) -> list[s
         first, last = bounds
         spans = list(zip((last[:-1] + 1).tolist(), first[1:].tolist(), strict=True))
     else:
-        spans = [(a + _TRIM, b - _TRIM) for a, b in _runs(path.above > CLEAR_M)]
+        spans = [(a + TRIMMED_POINTS, b - TRIMMED_POINTS) for a, b in _runs(path.above > CLEAR_M)]
     error, g = errors_of(case).position_m, case.engine.gravity_mps2
     return [
         own
-        for own in (slice(a, b) for a, b in spans if b - a >= _LEAST_POINTS)
-        if np.median(path.above[own]) > CLEAR_M and not _touched(path.t[own], path.z[own], error, g)
+        for own in (slice(a, b) for a, b in spans if b - a >= PATH_POINTS)
+        if np.median(path.above[own]) > CLEAR_M
+        and not touched_ground(path.t[own], path.z[own], error, g)
     ]
 
 
-def _touched(t: FloatArray, z: FloatArray, error_m: float, gravity: float) -> bool:
+def touched_ground(t: FloatArray, z: FloatArray, error_m: float, gravity: float) -> bool:
     """Return whether a path's heights show that it met the ground between two contacts."""
     t = t - t.mean()
     smooth, sizes = np.linalg.qr(np.column_stack([np.ones(t.size), t, t * t]))
     # What a change of the last coefficient by one makes of the heights.
     square = float(sizes[2, 2])
     fall = 2.0 * float(smooth[:, 2] @ z) / square
-    if fall + _FALLS * gravity > 2.0 * error_m / abs(square):
+    if fall + FALLING_SHARE * gravity > 2.0 * error_m / abs(square):
         return True
     # A parabola with a kink between point i and i + 1, three points on both sides.
     kinks = np.maximum(t[:, None] - 0.5 * (t[3:-2] + t[2:-3]), 0.0)
@@ -372,7 +324,9 @@ def _touched(t: FloatArray, z: FloatArray, error_m: float, gravity: float) -> bo
     best = int(np.argmax(upward**2 * size))
     kink, own = float(upward[best]), float(size[best])
     left = max(float(rest @ rest) - kink**2 * own, 0.0) / (t.size - 4)
-    return kink > max(_UPWARD_MPS, _SURE * math.sqrt(max(left, (_CERTAIN * error_m) ** 2) / own))
+    return kink > max(
+        KINK_MPS, KINK_SIGMAS * math.sqrt(max(left, (CERTAIN_ERROR * error_m) ** 2) / own)
+    )
 
 
 def _runs(mask: BoolArray) -> list[tuple[int, int]]:
@@ -381,14 +335,14 @@ def _runs(mask: BoolArray) -> list[tuple[int, int]]:
     return list(zip(edge[::2].tolist(), edge[1::2].tolist(), strict=True))
 
 
-def _fitted(case: Case, path: _Path, own: slice) -> _Piece:
+def _fitted(case: Case, path: TimedPath, own: slice) -> _Piece:
     """Return accelerations by parabolas, and the change of speed that gravity does not make."""
     bend, g = _bend(path, own), case.engine.gravity_mps2
     values = {"vertical_acceleration_mps2": (bend.up, -g, bend.weight)}
     if bend.level > 0.0:
         values["horizontal_acceleration_mps2"] = (bend.ahead, 0.0, bend.weight)
     v = path.speed[own]
-    if np.isfinite(v).all() and v.mean() > _LEAST_SPEED_MPS:
+    if np.isfinite(v).all() and v.mean() > PATH_SPEED_MPS:
         energy = 0.5 * v * v + g * path.z[own]
         half = v.size // 2
         lost = energy[-half:].mean() - energy[:half].mean()
@@ -409,38 +363,38 @@ class _Stretch:
     sliding: bool
 
 
-def _along_ground(path: _Path, bounds: _Bounds, radius_m: float) -> list[_Stretch]:
+def _along_ground(path: TimedPath, bounds: _Bounds, radius_m: float) -> list[_Stretch]:
     """Return stretches on which a rock stays low and does not strike."""
     low = np.abs(path.above) < CLEAR_M
-    low &= np.isfinite(path.speed) & (path.speed > _LEAST_SPEED_MPS)
+    low &= np.isfinite(path.speed) & (path.speed > PATH_SPEED_MPS)
     for first, last in zip(*bounds, strict=True):
         low[first : last + 1] = False
     found = []
     for a, b in _runs(low):
-        own = slice(a + _TRIM, b - _TRIM)
+        own = slice(a + TRIMMED_POINTS, b - TRIMMED_POINTS)
         t = path.t[own]
-        if t.size < 2 * _LEAST_POINTS or t[-1] - t[0] < _LEAST_ROLLING_S:
+        if t.size < 2 * PATH_POINTS or t[-1] - t[0] < ROLLING_S:
             continue
         v0, v1 = np.polyval(np.polyfit(t, path.speed[own], 2), t[[0, -1]]).tolist()
         s0, s1 = np.polyval(np.polyfit(t, path.s[own], 2), t[[0, -1]]).tolist()
         turning = 2.0 * math.pi * path.rotation[own] * radius_m / path.speed[own]
         known = turning[np.isfinite(turning)]
-        sliding = bool(known.size and np.median(known) < _SLIDES)
-        if s1 - s0 > _LEAST_WAY_M and s0 > 0.0 and v0 > _LEAST_SPEED_MPS:
-            found.append(_Stretch(path.rock, s0, s1, v0, max(v1, 0.0), t.size, sliding))
+        sliding = bool(known.size and np.median(known) < SLIDING_SHARE)
+        if s1 - s0 > ROLLING_M and s0 > 0.0 and v0 > PATH_SPEED_MPS:
+            found.append(_Stretch(
+                rock=path.rock, s0=s0, s1=s1, v0=v0, v1=max(v1, 0.0), points=t.size,
+                sliding=sliding,
+            ))  # fmt: skip
     return found
 
 
 def _rolled(
-    case: Case, model: RunModel, stretches: list[_Stretch], round_m: FloatArray
+    case: Case, run: FreeRun, stretches: list[_Stretch], round_m: FloatArray
 ) -> list[_Piece]:
-    """Return the acceleration on stretches along the ground, against that of the model's rocks.
-
-    ``round_m``: radius at which they roll, by rock (m). Accelerations are along the chainage.
-    """
+    """Return accelerations along the chainage on the ground, against those of the model's rocks."""
     # Rocks may go on beyond the end of their fall line: there is no profile for them there.
     last = case.profiles.s[case.profiles.offset[1:] - 1][case.line]
-    stretches = [p for p in stretches if p.s0 < last[p.rock] - _LEAST_WAY_M]
+    stretches = [p for p in stretches if p.s0 < last[p.rock] - ROLLING_M]
     if not stretches:
         return []
     n = len(stretches)
@@ -456,12 +410,12 @@ def _rolled(
         drop_m=np.zeros(2 * n), orientation_rad=np.repeat([0.0, 0.5 * math.pi], n),
     )  # fmt: skip
     done = simulate(
-        repeated(model.rock_lines.unforested, twice),
-        model.moving.table,
+        repeated(run.rock_lines.unforested, twice),
+        run.model.table,
         blocks,
         case.engine,
-        seed=model.seed + 501,
-        rocks_per_line=_ROLLED,
+        seed=run.seed + 501,
+        rocks_per_line=ROLLED_RUNS,
         line_keys=np.arange(2 * n, dtype=np.uint64),
         starts=np.column_stack([start, start]),
         control_lines=ControlLineCrossings(
@@ -470,18 +424,18 @@ def _rolled(
             end,
             np.zeros(2 * n, np.int64),
         ),
-        effects=model.moving.effects,
+        effects=run.model.effects,
     )
     # What it loses up to the end, or to where it comes to rest before.
-    square = np.zeros((2 * n, _ROLLED))
+    square = np.zeros((2 * n, ROLLED_RUNS))
     square[done.passages["line"], done.passages["rock"]] = done.passages["speed_mps"] ** 2
-    stop = np.minimum(done.rocks["runout_m"].reshape(2 * n, _ROLLED), end[:, None])
+    stop = np.minimum(done.rocks["runout_m"].reshape(2 * n, ROLLED_RUNS), end[:, None])
     distance = np.maximum(stop - start[:, None], 0.05)
     pull = (square - fast[:, None] ** 2) / (2.0 * distance)
     # As the observed rocks, those of the model are to have gone without striking, if any can.
-    struck = done.rocks["impacts"].reshape(2 * n, _ROLLED) > 0
+    struck = done.rocks["impacts"].reshape(2 * n, ROLLED_RUNS) > 0
     pull = np.concatenate([np.where(struck, np.nan, pull), pull], axis=1)
-    pull = np.stack([pull[:n], pull[n:]], axis=1).reshape(n, 2, 2, _ROLLED)
+    pull = np.stack([pull[:n], pull[n:]], axis=1).reshape(n, 2, 2, ROLLED_RUNS)
     free, every = (mean_of_draws(pull[:, :, k].reshape(n, -1)) for k in (0, 1))
     mean = np.where(np.isfinite(free), free, every)
     return [
@@ -521,11 +475,12 @@ def _by_reach(case: Case, edges: FloatArray, pieces: list[_Piece], phase: str) -
                 np.add.at(row, rock[own], value[own])
             with np.errstate(invalid="ignore", divide="ignore"):
                 means = sums[:2] / sums[2]
-            score = beyond(means[0] - means[1], _GROUND_MPS2) if phase == "rolling" else None
+            score = beyond(means[0] - means[1], GROUND_BRAKE_MPS2) if phase == "rolling" else None
             found.append(
                 Residual(
-                    place, phase, name, "one step", means[0], means[1], s0, s1, score, sums[2],
-                    int(own.sum()),
+                    place=place, phase=phase, quantity=name, test="one step", observed=means[0],
+                    predicted=means[1], s0_m=s0, s1_m=s1, score=score, weight=sums[2],
+                    steps=int(own.sum()),
                 )
             )  # fmt: skip
     return found

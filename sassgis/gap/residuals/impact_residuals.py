@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,6 +26,18 @@ from sassgis.engine.rolling import growth
 from sassgis.engine.rows import Records
 from sassgis.engine.simulate import physics_of
 from sassgis.engine.state import Physics
+from sassgis.gap.constants import (
+    ALONG_MPS,
+    CHORD_M,
+    COMPARED_TURNS,
+    CONTACT_STEPS,
+    FLIGHT_REACH,
+    FLIGHT_REACH_M,
+    IMPACT_FALL_M,
+    LINE_TURN_ERROR,
+    REBOUND_DRAWS,
+    REBOUND_MPS,
+)
 from sassgis.gap.forward.hypothesis_model import HypothesisModel
 from sassgis.gap.observations.campaign import ImpactRows, errors_of
 from sassgis.gap.observations.case import Case
@@ -43,35 +55,20 @@ from sassgis.gap.residuals.stop_residuals import FreeRun
 from sassgis.grid import FloatArray, IntArray
 from sassgis.terrain.flatten import chainage_to_xy
 
-#: Parts into which the last bit of the fall, from the longer semi-axis to the shorter one, is cut.
-_STEPS = 48
-
 
 @kernel
 def orientation_at_contact(a: float, b: float, phase: float, vn: float, omega: float) -> float:
-    """Return the orientation in which a turning ellipse that comes down first touches the ground.
+    """Return the orientation in which a turning ellipse that comes down first strikes (rad).
 
     A tumbling rock does not land in every orientation alike: its long axis strikes first. Its
-    centre is let down from the height of the longer semi-axis at a constant speed, turning.
-
-    Parameters
-    ----------
-    a, b : float
-        Semi-axes (m).
-    phase : float
-        Angle of the major axis to the ground at the height a (rad).
-    vn, omega : float
-        Normal speed, below zero (m/s); spin (rad/s).
-
-    Returns
-    -------
-    float
-        Angle of the major axis to the ground (rad).
+    centre is let down from the height of the longer semi-axis ``a`` (m), where the major axis has
+    the angle ``phase`` to the ground, at the normal speed ``vn`` < 0 (m/s), turning with ``omega``
+    (rad/s).
     """
     last = (a - b) / -vn
     before = 0.0
-    for i in range(1, _STEPS + 1):
-        t = last * i / _STEPS
+    for i in range(1, CONTACT_STEPS + 1):
+        t = last * i / CONTACT_STEPS
         angle = phase - omega * t
         _, y, _ = frame_of(a, b, math.sin(angle), math.cos(angle))
         if a + vn * t <= y:
@@ -104,26 +101,12 @@ def impact_draws(
 ) -> None:
     """Compute what the engine makes of observed states before impacts.
 
-    Parameters
-    ----------
-    states : float64, shape (n, 4)
-        Dip of the ground along the travel (rad), v_t, v_n, ω before (m/s, rad/s).
-    kinds : int64, shape (n,)
-        Ground class.
-    axes : float64, shape (n, m, 3)
-        Semi-axes of the rock, longest first (m).
-    draws : float64, shape (n, m, 3)
-        Phase (rad) and relative variation of the slope; the orientation at contact (rad) is written
-        into the last.
-    keys : uint64, shape (n, m)
-        For what effects draw.
-    density : float64, shape (n,)
-        (kg/m³)
-    grounds : GROUND_DTYPE
-    scratch : BLOCK_DTYPE, shape (1,)
-    out : float64, shape (n, m, 3)
-        v_t, v_n, ω after, along the ground as it was surveyed. NaN where the model would not have
-        the rock rebound but roll.
+    ``states``: dip of the ground along the travel (rad), v_t, v_n, ω before (m/s, rad/s), (n, 4);
+    ``kinds``: ground class, (n,); ``axes``: semi-axes, longest first (m), (n, m, 3); ``draws``:
+    phase (rad) and relative variation of the slope, and the orientation at contact (rad), which is
+    written, (n, m, 3); ``keys``: for what effects draw, (n, m); ``density`` (kg/m³), (n,); ``out``:
+    v_t, v_n, ω after, along the ground as it was surveyed, (n, m, 3), NaN where the model would not
+    have the rock rebound but roll.
     """
     state = scratch[0]
     for i in range(states.shape[0]):
@@ -167,32 +150,13 @@ def impact_draws(
             out[i, k, 2] = spin
 
 
-#: An impact counts as one after a flight if the normal speed is that of a fall from this height
-#: (m), or from twice what the semi-axes differ by. A rock that rolls into a hollow strikes in any
-#: orientation, and one that tumbles from tip to tip in that which the last impact left.
-_FALL_M = 0.3
-#: A flight reaches at most this much farther than on a plane slope, and this far anyway (m).
-_REACH, _REACH_M = 2.0, 1.0
-#: Normal speed below which a rock does not rebound (m/s).
-_REBOUND_MPS = 0.01
-#: Share of the turn of the fall line by which its chords may be wrong, and their least length (m).
-_LINE_SHARE, _CHORD_M = 0.5, 1.0
-#: Turns of simulated paths on a reach that are compared at most.
-_MOST_TURNS = 2000
-#: Orientations and slopes drawn for each observed impact.
-_DRAWS = 64
-#: Speed along the ground below which a ratio to it says nothing (m/s).
-_ALONG_MPS = 1.0
-
-
 def impact_residuals(
-    case: Case, model: HypothesisModel, run: FreeRun, edges: FloatArray, *, rng: np.random.Generator
+    case: Case, run: FreeRun, edges: FloatArray, *, rng: np.random.Generator
 ) -> list[Residual]:
     """Return residuals of single impacts by reach and by class of ground.
 
-    Where blocks of the model leave the fall line on profiles, turns are left out. ``run`` has the
-    semi-axes of the rocks and the turns of their paths; ``edges``: limits of the reaches (m), shape
-    (n_reaches, 2).
+    Where blocks of the model leave the fall line on profiles, turns are left out. ``edges``: limits
+    of the reaches (m), (n_reaches, 2).
     """
     impacts = case.observations.impacts
     if not len(impacts):
@@ -204,18 +168,17 @@ def impact_residuals(
     turned = (rock >= 0) & (case.line[rock] >= 0) & np.isfinite(s) & np.isfinite(turn_deg)
     found: list[Residual] = []
     if use.any():
-        found += _rebounds(case, model, run.axes_m, edges, np.flatnonzero(use), rng)
-    if turned.any() and (case.terrain is not None or model.effects.get(LateralDeflection) is None):
+        found += _rebounds(case, run, edges, np.flatnonzero(use), rng)
+    if turned.any() and (
+        case.terrain is not None or run.model.effects.get(LateralDeflection) is None
+    ):
         found += _turns(case, edges, rock[turned], s[turned], turn_deg[turned], run.impacts)
     return found
 
 
 @dataclass(frozen=True, slots=True)
 class ImpactsInFlight:
-    """Observed impacts after flights, made ready for one step of the model.
-
-    Arrays of shape (n,), of ``axes`` (n, m, 3).
-    """
+    """Observed impacts after flights, made ready for one step of the model; shape (n,)."""
 
     impacts: Impacts
     rock: IntArray
@@ -238,16 +201,9 @@ class ImpactsInFlight:
 def impacts_in_flight(
     case: Case, axes_m: FloatArray, rows: IntArray, m: int
 ) -> ImpactsInFlight | None:
-    """Return impacts after flights among some rows of the table; None if there are none.
+    """Return impacts after flights among rows of whole rocks with velocities; None without.
 
-    Parameters
-    ----------
-    axes_m : float64, shape (n_rocks, k, 3)
-        Semi-axes of each rock, longest first (m).
-    rows : int64
-        Of whole rocks with velocities before and after.
-    m : int
-        Draws of each impact.
+    ``axes_m``: semi-axes of each rock, longest first, (n_rocks, k, 3); ``m``: draws of each impact.
     """
     impacts = case.observations.impacts.take(rows)
     rock = case.observations.rock_of("impacts")[rows]
@@ -256,7 +212,7 @@ def impacts_in_flight(
     dip = np.where(np.isfinite(impacts.slope_deg), np.radians(impacts.slope_deg), dip)
     longer, shorter = axes_m[rock, :, 0].mean(axis=1), axes_m[rock, :, 1].mean(axis=1)
     fall = impacts.vn_in_mps**2 / (2.0 * case.engine.gravity_mps2 * np.cos(dip))
-    flown = fall > np.maximum(_FALL_M, 2.0 * (longer - shorter))
+    flown = fall > np.maximum(IMPACT_FALL_M, 2.0 * (longer - shorter))
     flown &= _from_flight(impacts, rock, s, dip, case.engine.gravity_mps2)
     if not flown.any():
         return None
@@ -266,16 +222,16 @@ def impacts_in_flight(
     inertia = 0.2 * (axes[:, :, 0] ** 2 + axes[:, :, 1] ** 2).mean(axis=1)
     has_spin = np.isfinite(impacts.omega_in_radps)
     spin = np.where(has_spin, impacts.omega_in_radps, impacts.vt_in_mps / radius)
-    return ImpactsInFlight(impacts, rock, s, kind, dip, axes, radius, inertia, spin, has_spin)
+    return ImpactsInFlight(
+        impacts=impacts, rock=rock, s=s, kind=kind, dip=dip, axes=axes, radius=radius,
+        inertia=inertia, spin=spin, has_spin=has_spin,
+    )  # fmt: skip
 
 
 def rebound_draws(
     case: Case, model: HypothesisModel, observed: ImpactsInFlight, rng: np.random.Generator
 ) -> FloatArray:
-    """Return v_t, v_n, ω after impacts in the model, shape (n, m, 3), with measurement errors.
-
-    NaN where the model would not have the rock rebound but roll.
-    """
+    """Return v_t, v_n, ω after impacts, with errors, (n, m, 3); NaN where rocks roll on."""
     impacts, axes = observed.impacts, observed.axes
     settings = case.engine.resolved()
     table = model.table.with_rolling_threshold(settings.rolling_threshold)
@@ -317,17 +273,12 @@ def usable_impacts(case: Case, axes_m: FloatArray) -> NDArray[np.bool_]:
 
 
 def _rebounds(
-    case: Case,
-    model: HypothesisModel,
-    axes_m: FloatArray,
-    edges: FloatArray,
-    rows: IntArray,
-    rng: np.random.Generator,
+    case: Case, run: FreeRun, edges: FloatArray, rows: IntArray, rng: np.random.Generator
 ) -> list[Residual]:
-    observed = impacts_in_flight(case, axes_m, rows, _DRAWS)
+    observed = impacts_in_flight(case, run.axes_m, rows, REBOUND_DRAWS)
     if observed is None:
         return []
-    out = rebound_draws(case, model, observed, rng)
+    out = rebound_draws(case, run.model, observed, rng)
     impacts, rock, s = observed.impacts, observed.rock, observed.s
     radius, inertia, spin = observed.radius, observed.inertia, observed.spin
     before = impacts.vt_in_mps**2 + impacts.vn_in_mps**2 + inertia * spin**2
@@ -344,7 +295,7 @@ def _rebounds(
     found = []
     for place, inside, s0, s1 in (
         *_reach_places(case, edges, rock, s),
-        *_ground_places(s, observed.kind, model.table.names),
+        *_ground_places(s, observed.kind, run.model.table.names),
     ):
         for name, value, predicted, score in columns:
             own = np.where(inside & np.isfinite(value) & np.isfinite(predicted), rock, -1)
@@ -353,8 +304,9 @@ def _rebounds(
             count = rows_per_rock(value, own, case.n_rocks)
             found.append(
                 Residual(
-                    place, "impact", name, "one step", mean, by_model, s0, s1, scored, count,
-                    int(count.sum()),
+                    place=place, phase="impact", quantity=name, test="one step", observed=mean,
+                    predicted=by_model, s0_m=s0, s1_m=s1, score=scored, weight=count,
+                    steps=int(count.sum()),
                 )
             )  # fmt: skip
     return found
@@ -366,13 +318,10 @@ def _after_rebound(
     inertia: FloatArray,
     before: FloatArray,
 ) -> dict[str, FloatArray]:
-    """Compute what is compared of impacts from v_t, v_n, ω after them; NaN without a rebound.
-
-    ``before``: twice the energy per mass before (m²/s²).
-    """
-    vt, vn, omega = (np.where(after[1] > _REBOUND_MPS, v, np.nan) for v in after)
+    """Compute what is compared of v_t, v_n, ω after; ``before``: twice the energy per mass."""
+    vt, vn, omega = (np.where(after[1] > REBOUND_MPS, v, np.nan) for v in after)
     with np.errstate(invalid="ignore", divide="ignore"):
-        ratio = np.where(vt > _ALONG_MPS, radius * omega / vt, np.nan)
+        ratio = np.where(vt > ALONG_MPS, radius * omega / vt, np.nan)
     return {
         "tangential_speed_mps": vt,
         "normal_speed_mps": vn,
@@ -386,33 +335,30 @@ def _after_rebound(
 def _from_flight(
     impacts: Impacts, rock: IntArray, s: FloatArray, dip: FloatArray, gravity: float
 ) -> NDArray[np.bool_]:
-    """Return whether the rock can have flown to an impact from the one before.
-
-    Farther away than a flight from there reaches it came along the ground.
-    """
+    """Return whether a rock can have flown to an impact from the one before: no farther off."""
     order = np.lexsort((s, rock))
     before, after = order[:-1], order[1:]
     fall, rise = gravity * np.cos(dip[before]), np.maximum(impacts.vn_out_mps[before], 0.0)
     time = 2.0 * rise / fall
     along = impacts.vt_out_mps[before] + 0.5 * gravity * np.sin(dip[before]) * time
-    reach = _REACH * along * time * np.cos(dip[before]) + _REACH_M
+    reach = FLIGHT_REACH * along * time * np.cos(dip[before]) + FLIGHT_REACH_M
     can = np.ones(s.size, np.bool_)
     can[after] = (rock[before] != rock[after]) | (s[after] - s[before] <= reach)
     return can
 
 
 def turn_of_lines(case: Case, rock: IntArray, s: FloatArray) -> FloatArray:
-    """Turn at each impact of rocks that fly straight and come down on their fall line (°).
+    """Return turns at impacts of rocks that fly straight and come down on their fall line (°).
 
-    From the chords of the fall line before and after it, positive to the right; zero at the first
-    and the last impact of a rock, and where chords are short.
+    From the chords of the line before and after, positive to the right; zero at the first and the
+    last impact of a rock, and where chords are short.
     """
     turn = np.zeros(s.size)
     order = np.lexsort((s, rock))
     x, y = chainage_to_xy(case.traces, case.line[rock[order]], s[order])
     dx, dy, same = np.diff(x), np.diff(y), np.diff(rock[order]) == 0
     azimuth = np.arctan2(dy, dx)
-    known = same & (np.hypot(dx, dy) > _CHORD_M)
+    known = same & (np.hypot(dx, dy) > CHORD_M)
     both = np.flatnonzero(known[:-1] & known[1:])
     change = np.angle(np.exp(1j * (azimuth[both + 1] - azimuth[both])))
     turn[order[both + 1]] = -np.degrees(change)
@@ -421,7 +367,7 @@ def turn_of_lines(case: Case, rock: IntArray, s: FloatArray) -> FloatArray:
 
 def turn_error(case: Case, line_turn: FloatArray) -> FloatArray:
     """Return the standard deviation of measured turns about those of the fall lines (°)."""
-    return np.hypot(errors_of(case).turn_deg, _LINE_SHARE * line_turn)
+    return np.hypot(errors_of(case).turn_deg, LINE_TURN_ERROR * line_turn)
 
 
 def _turns(
@@ -432,11 +378,7 @@ def _turns(
     turn_deg: FloatArray,
     made: Sequence[ImpactRows],
 ) -> list[Residual]:
-    """Return turns in plan against those of followed paths on the same reach.
-
-    Where the model keeps to fall lines they are compared with the turns of these, and their scatter
-    with what is usual in measured directions.
-    """
+    """Compare turns in plan with those of simulated paths, or of fall lines, on the same reach."""
     n_rocks = case.n_rocks
     line = turn_of_lines(case, rock, s)
     usual = math.sqrt(2.0 / math.pi) * turn_error(case, line)
@@ -451,20 +393,21 @@ def _turns(
         else:
             turns = [rows.turn_deg[at == k] for rows, at in zip(made, reach, strict=True)]
             drawn = np.concatenate([np.empty(0), *turns])
-            drawn = drawn[:: max(1, drawn.size // _MOST_TURNS)]
+            drawn = drawn[:: max(1, drawn.size // COMPARED_TURNS)]
             draws = np.where(inside[:, None], drawn, np.nan)
             values = [turn_deg, mean_of_draws(draws, least=3), *spread(turn_deg, draws)]
         mean, by_model, size, expected, score = (per_rock(v, of, n_rocks) for v in values)
-        span, steps = (s0, s1), int(count.sum())
+        turned = Residual(
+            place=place, phase="impact", quantity="turn_deg", test="one step", observed=mean,
+            predicted=by_model, s0_m=s0, s1_m=s1, weight=count, steps=int(count.sum()),
+        )  # fmt: skip
+        score = only_above(score) if case.terrain is None else score
         found += [
-            Residual(
-                place, "impact", "turn_deg", "one step", mean, by_model, *span, None, count, steps
+            turned,
+            replace(
+                turned, quantity="turn_deg_spread", observed=size, predicted=expected, score=score
             ),
-            Residual(
-                place, "impact", "turn_deg_spread", "one step", size, expected, *span,
-                only_above(score) if case.terrain is None else score, count, steps,
-            ),
-        ]  # fmt: skip
+        ]
     return found
 
 

@@ -16,6 +16,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from sassgis.gap.constants import (
+    CENTRE_M,
+    FLIGHT_WAY_M,
+    IMPACT_DRAWS,
+    LONGEST_FLIGHT,
+    REPLICATES,
+    SHORTEST_FLIGHT,
+)
 from sassgis.gap.forward.hypothesis_model import HypothesisModel, MeasurementError
 from sassgis.gap.forward.observation_operator import with_release
 from sassgis.gap.forward.rock_lines import rock_lines_of
@@ -34,7 +42,6 @@ from sassgis.gap.residuals.rock_residuals import Residual, mean_of_draws
 from sassgis.gap.residuals.station_residuals import reach_residuals
 from sassgis.gap.residuals.stop_residuals import (
     FreeRun,
-    RunModel,
     free_run,
     free_run_residuals,
     observed_at_stations,
@@ -42,14 +49,6 @@ from sassgis.gap.residuals.stop_residuals import (
     side_error,
 )
 from sassgis.grid import FloatArray, IntArray
-
-#: Share of the length of a free flight that one between two observed impacts may lack or exceed.
-_SHORTEST, _LONGEST = 0.4, 1.3
-_LEAST_WAY_M = 1.0
-#: Height by which the centre of a rock at two impacts may lie differently above the ground (m).
-_CENTRE_M = 0.15
-#: Orientations and slopes drawn for each observed impact.
-IMPACT_DRAWS = 32
 
 
 @dataclass(frozen=True, slots=True)
@@ -100,13 +99,11 @@ class StepTable:
 MODEL_FLIGHT = "flight of the model"
 
 
-def steps_of(
-    case: Case, model: HypothesisModel, run: FreeRun, rng: np.random.Generator
-) -> StepTable:
+def steps_of(case: Case, run: FreeRun, rng: np.random.Generator) -> StepTable:
     """Return the table of residuals of a case; ``run``: its replicates of the rocks."""
     flat = run.axes_m[:, :, 2].mean(axis=1) / run.axes_m[:, :, 1].mean(axis=1)
     parts = [
-        *_impacts(case, model, run.axes_m, rng),
+        *_impacts(case, run, rng),
         *_flights(case, observed_campaign(case).impacts, "flight"),
         *(part for rows in run.impacts for part in _flights(case, rows, MODEL_FLIGHT)),
         *_paths(case, run.axes_m),
@@ -129,16 +126,14 @@ def steps_of(
 _Part = dict[str, Any]
 
 
-def _impacts(
-    case: Case, model: HypothesisModel, axes_m: FloatArray, rng: np.random.Generator
-) -> list[_Part]:
+def _impacts(case: Case, run: FreeRun, rng: np.random.Generator) -> list[_Part]:
     if not len(case.observations.impacts):
         return []
-    rows = np.flatnonzero(usable_impacts(case, axes_m))
-    seen = impacts_in_flight(case, axes_m, rows, IMPACT_DRAWS) if rows.size else None
+    rows = np.flatnonzero(usable_impacts(case, run.axes_m))
+    seen = impacts_in_flight(case, run.axes_m, rows, IMPACT_DRAWS) if rows.size else None
     if seen is None:
         return []
-    draws = rebound_draws(case, model, seen, rng)
+    draws = rebound_draws(case, run.model, seen, rng)
     own = seen.impacts
     enough = np.isfinite(draws[..., 0]).sum(axis=1) >= IMPACT_DRAWS // 4
     vt, vn, spin = np.moveaxis(np.where(enough[:, None, None], draws, np.nan), -1, 0)
@@ -183,10 +178,10 @@ def _flights(case: Case, rows: ImpactRows | None, step: str) -> list[_Part]:
         share = way / (level * time)
     out = 0.5 * (rows.vt_out[first] ** 2 + rows.vn_out[first] ** 2)
     into = 0.5 * (rows.vt_in[last] ** 2 + rows.vn_in[last] ** 2)
-    flown = (way > _LEAST_WAY_M) & (share > _SHORTEST) & (share < _LONGEST)
+    flown = (way > FLIGHT_WAY_M) & (share > SHORTEST_FLIGHT) & (share < LONGEST_FLIGHT)
     sd = np.sqrt(
         (2.0 * errors.speed_rel) ** 2 * (out**2 + into**2)
-        + (g * np.hypot(_CENTRE_M, errors.position_m)) ** 2
+        + (g * np.hypot(CENTRE_M, errors.position_m)) ** 2
     )
     length = np.hypot(way, fall)
     return [
@@ -287,10 +282,6 @@ def _stops(case: Case, run: FreeRun) -> list[_Part]:
     ]  # fmt: skip
 
 
-#: Runs of each rock.
-REPLICATES = 20
-
-
 @dataclass(frozen=True, slots=True)
 class ResidualTable:
     """Observed against predicted."""
@@ -303,23 +294,18 @@ class ResidualTable:
 def residuals_of(
     case: Case, model: HypothesisModel, *, seed: int, replicates: int = REPLICATES
 ) -> ResidualTable:
-    """Compare a case with a model, its errors of release and measurement apart.
-
-    ``configured_model`` returns that of the configuration. ``replicates``: runs of each rock.
-    """
+    """Compare a case with a model, its errors of release and measurement apart."""
     rng = np.random.default_rng([seed, 31])
-    running = RunModel.of(case, model, seed)
-    run = free_run(case, running, replicates)
+    run = free_run(case, model, seed, replicates)
     seen = observed_at_stations(case)
     edges = reach_edges(case, run)
     rows = [
         *free_run_residuals(case, seen, run, rng=rng),
-        *reach_residuals(case, running, seen, run, edges, rng=rng),
-        *path_residuals(case, running, edges, run.axes_m),
-        *impact_residuals(case, model, run, edges, rng=rng),
+        *reach_residuals(case, seen, run, edges, rng=rng),
+        *path_residuals(case, run, edges),
+        *impact_residuals(case, run, edges, rng=rng),
     ]
-    steps = steps_of(case, model, run, rng)
-    return ResidualTable(run, tuple(rows), steps)
+    return ResidualTable(run, tuple(rows), steps_of(case, run, rng))
 
 
 def residuals_with(
@@ -355,10 +341,7 @@ def _scaled_back(case: Case, error: MeasurementError) -> Case:
 
 
 def reach_edges(case: Case, run: FreeRun) -> FloatArray:
-    """Return chainages between which reaches lie, mean over rocks (m), shape (n_reaches, 2).
-
-    The last reach ends where the last rock lies, observed or simulated.
-    """
+    """Return limits of the reaches, mean over rocks (m), (n_reaches, 2), down to the last rock."""
     start = float(case.start.mean())
     s = case.station_s
     known = np.isfinite(s)

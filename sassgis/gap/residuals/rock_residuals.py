@@ -7,10 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import stats
 
+from sassgis.gap.constants import MOST_NUMBERS
 from sassgis.grid import FloatArray, IntArray
-
-#: Draws are made in blocks of at most this many numbers, to bound the memory.
-_MOST = 4_000_000
 
 
 def _as_matrix(values: FloatArray) -> FloatArray:
@@ -20,20 +18,7 @@ def _as_matrix(values: FloatArray) -> FloatArray:
 
 
 def rock_means(values: FloatArray, rock: IntArray) -> tuple[FloatArray, IntArray]:
-    """Return the mean of each quantity over the rows of each rock, missing ones left out.
-
-    Parameters
-    ----------
-    values : float64, shape (n, k) or (n,)
-    rock : int64, shape (n,)
-
-    Returns
-    -------
-    means : float64, shape (n_rocks, k)
-        NaN where a rock has no value.
-    rocks : int64, shape (n_rocks,)
-        Their numbers, rising.
-    """
+    """Return means over the rows of each rock, NaN without, (n_rocks, k), and the rocks."""
     data = _as_matrix(values)
     rocks, index = np.unique(np.asarray(rock, np.int64), return_inverse=True)
     known = np.isfinite(data)
@@ -45,11 +30,7 @@ def rock_means(values: FloatArray, rock: IntArray) -> tuple[FloatArray, IntArray
 
 
 def t_statistics(values: FloatArray) -> FloatArray:
-    """Return mean over its standard error, column by column, missing entries left out; shape (k,).
-
-    NaN with fewer than three rocks; infinite for equal values other than zero. ``values``: one row
-    per rock (see ``rock_means``), shape (n, k).
-    """
+    """Return mean over standard error of columns of rocks, (k,); NaN of fewer than three."""
     data = _as_matrix(values)
     known = np.isfinite(data)
     count = known.sum(axis=0)
@@ -69,23 +50,14 @@ def _t(sums: FloatArray, squares: FloatArray, count: IntArray) -> FloatArray:
 
 
 def max_t_adjusted(statistic: FloatArray, null: FloatArray) -> FloatArray:
-    """Adjust p-values for the number of comparisons by the largest statistic under the null.
+    """Adjust p-values for the number of comparisons by the largest statistic under the null, (k,).
 
     P. H. Westfall and S. S. Young (1993, Resampling-based multiple testing): the chance of even one
     false finding is kept below the level, and what the comparisons have in common is used. Each
     statistic is compared with the largest of those that are not stronger than itself (step-down).
 
-    Parameters
-    ----------
-    statistic : float64, shape (k,)
-        The larger, the stronger (take absolute values for two sides); NaN where there is none.
-    null : float64, shape (draws, k)
-        The same from data in which there is nothing to find. NaN never wins.
-
-    Returns
-    -------
-    float64, shape (k,)
-        At least 1 / (draws + 1); NaN where the statistic is.
+    ``statistic``: the larger, the stronger, (k,), NaN where there is none; ``null``: the same from
+    data in which there is nothing to find, (draws, k), NaN never wins.
     """
     observed = np.asarray(statistic, np.float64)
     p = np.full(observed.shape, np.nan)
@@ -101,7 +73,7 @@ def max_t_adjusted(statistic: FloatArray, null: FloatArray) -> FloatArray:
 
 
 def holm_adjusted(p: FloatArray) -> FloatArray:
-    """Return P-values, shape (k,), adjusted for their number, whatever their dependence.
+    """Return p-values, shape (k,), adjusted for their number, whatever their dependence.
 
     S. Holm (1979, A simple sequentially rejective multiple test procedure, Scand. J. Stat. 6,
     65-70).
@@ -116,23 +88,12 @@ def holm_adjusted(p: FloatArray) -> FloatArray:
 def mean_gap_tests(
     values: FloatArray, *, draws: int, rng: np.random.Generator, unit: IntArray | None = None
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Test which mean gaps differ from zero, adjusted for their number.
+    """Return t, two-sided p, and p adjusted for their number, of mean gaps, (k,); NaN of few rocks.
 
     Under the null the signs of all entries of a unit may be flipped together: exact if gaps are
     symmetric about zero. Of our own making: ``scipy.stats.permutation_test`` flips signs as well,
     but knows no missing entries and no maximum over columns, which draws the same flips for all.
-
-    Parameters
-    ----------
-    values : float64, shape (n, k)
-        Observed minus predicted, one row per rock; NaN where not measured.
-    unit : int64, shape (n,), optional
-        Unit of each rock, from 0; default: each is a separate one.
-
-    Returns
-    -------
-    t, p, p_adjusted : float64, shape (k,)
-        Two-sided. NaN with fewer than three rocks.
+    ``values``: observed minus predicted, one row per rock, (n, k); ``unit``: of each rock, from 0.
     """
     data = _as_matrix(values)
     n = len(data)
@@ -141,7 +102,7 @@ def mean_gap_tests(
     filled = np.where(known, data, 0.0)
     t = t_statistics(data)
     null = np.empty((draws, data.shape[1]))
-    step = max(1, _MOST // max(1, n))
+    step = max(1, MOST_NUMBERS // max(1, n))
     count = known.sum(axis=0)
     squares = (filled**2).sum(axis=0)
     for first in range(0, draws, step):
@@ -156,11 +117,10 @@ def mean_gap_tests(
 
 
 def false_discovery_adjusted(p: FloatArray) -> FloatArray:
-    """Adjust p-values so that the share of false findings stays below the level.
+    """Adjust p-values so that the share of false findings stays below the level, (k,); NaN stays.
 
-    Y. Benjamini and Y. Hochberg (1995, Controlling the false discovery rate, J. R. Stat. Soc. B
-    57, 289-300), by ``scipy.stats.false_discovery_control``; for independent or positively
-    dependent comparisons. Shape (k,); NaN is left out and stays.
+    Y. Benjamini and Y. Hochberg (1995, Controlling the false discovery rate, J. R. Stat. Soc. B 57,
+    289-300); for independent or positively dependent comparisons.
     """
     adjusted = np.array(p, np.float64)
     known = np.isfinite(adjusted)
@@ -245,21 +205,10 @@ def mean_of_draws(draws: FloatArray, least: int = 2) -> FloatArray:
 
 
 def spread(observed: FloatArray, draws: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return distance of observations from the middle of what is predicted, and what it should be.
+    """Return distances of observations (n,) from the mean of draws (n, m), expected ones, a score.
 
-    Parameters
-    ----------
-    observed : float64, shape (n,)
-    draws : float64, shape (n, m)
-        Predicted values; NaN where there is none.
-
-    Returns
-    -------
-    distance, expected : float64, shape (n,)
-        From the mean of the draws, of the observation and of the draws themselves.
-    score : float64, shape (n,)
-        |PIT − ½| less its mean under the model: above zero if the observed scatter more. The PIT,
-        the share of draws below the observation, is uniform if the model is right.
+    The score is |PIT − ½| less its mean under the model: above zero if the observed scatter more.
+    The PIT, the share of draws below the observation, is uniform if the model is right.
     """
     known = np.isfinite(draws)
     count = known.sum(axis=-1).astype(float)
@@ -286,22 +235,13 @@ def spread(observed: FloatArray, draws: FloatArray) -> tuple[FloatArray, FloatAr
 
 
 def only_above(score: FloatArray) -> FloatArray:
-    """Return scores of a scatter of which only an upper bound is known.
-
-    Less than that is no gap.
-    """
+    """Return scores of a scatter known from above only: less than that is no gap."""
     known = score[np.isfinite(score)]
     return score if known.size and known.mean() > 0.0 else np.where(np.isfinite(score), 0.0, score)
 
 
 def beyond(gap: FloatArray, tolerance: float) -> FloatArray:
-    """Return gaps moved together towards zero by a tolerance.
-
-    What is tested is how far they exceed it.
-
-    ``gap``: shape (n,), NaN where there is none; ``tolerance``: mean gap that can be an error of
-    the comparison itself.
-    """
+    """Return gaps, shape (n,), moved together towards zero by a tolerance of their mean."""
     known = gap[np.isfinite(gap)]
     mean = float(known.mean()) if known.size else 0.0
     left: FloatArray = gap - np.clip(mean, -tolerance, tolerance)

@@ -16,34 +16,32 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from sassgis.engine.simulate import moving_axes
+from sassgis.gap.constants import (
+    FEWEST_LIKE_ROCKS,
+    LIKE_ROCKS,
+    PARALLEL_S,
+    PARALLEL_STEP_S,
+    RESTART_DROP_M,
+)
 from sassgis.gap.forward.released_rocks import Releases, fixed_blocks, move
-from sassgis.gap.forward.rock_lines import RockLines, dips_at
+from sassgis.gap.forward.rock_lines import dips_at
 from sassgis.gap.observations.campaign import errors_of
 from sassgis.gap.observations.case import Case
 from sassgis.gap.residuals.rock_residuals import Residual, mean_of_draws, t_statistics
 from sassgis.gap.residuals.stop_residuals import (
     AtStations,
     FreeRun,
-    RunModel,
     ends_of,
     observed_end,
     passages_of,
     residuals_at_station,
 )
 from sassgis.grid import FloatArray, IntArray
-
-#: Rocks of the model among which one is drawn that reached a station like the observed one, and
-#: how many there must be.
-_LIKE, _LEAST_LIKE = 150, 24
-#: Longest time along a flight to where it runs parallel to the ground (s), and its steps.
-_LONGEST_S, _STEP_S = 1.5, 0.02
-#: Least height of a restart in flight above the resting position, and of a start above zero (m).
-_LEAST_DROP_M = 1e-3
+from sassgis.settings.profiles import ProfileSet
 
 
 def reach_residuals(
     case: Case,
-    model: RunModel,
     seen: AtStations,
     run: FreeRun,
     edges: FloatArray,
@@ -58,12 +56,15 @@ def reach_residuals(
     found: list[Residual] = []
     speeds: list[Residual] = []
     for k, (name, (s0, s1)) in enumerate(zip(case.reaches, edges.tolist(), strict=True)):
-        again = _restarted(case, model, seen, run, k - 1, rng) if k else (run.at, run.ends.runout_m)
+        again = _restarted(case, seen, run, k - 1, rng) if k else (run.at, run.ends.runout_m)
         if again is None:
             continue
         at, stop = again
         if k < len(case.station_names):
-            own = residuals_at_station(case, seen, run, at, k, name, "reach", (s0, s1))
+            own = residuals_at_station(
+                case=case, seen=seen, run=run, predicted=at, k=k, place=name, test="reach",
+                span=(s0, s1),
+            )  # fmt: skip
             if k:
                 started = np.isfinite(seen.speed_mps[:, k - 1])
                 own = [replace(r, observed=np.where(started, r.observed, np.nan)) for r in own]
@@ -71,8 +72,11 @@ def reach_residuals(
             speeds.append(own[0])
         else:
             runout = observed_end(case).runout_m
-            what = (name, "stopping", "runout_m", "reach")
-            found.append(Residual(*what, runout, mean_of_draws(stop), s0, s1))
+            stopped = Residual(
+                place=name, phase="stopping", quantity="runout_m", test="reach", observed=runout,
+                predicted=mean_of_draws(stop), s0_m=s0, s1_m=s1,
+            )  # fmt: skip
+            found.append(stopped)
     if len(speeds) > 1:
         first = speeds[0]
         others = mean_of_draws(np.column_stack([r.gap for r in speeds[1:]]), least=1)
@@ -94,13 +98,9 @@ def _weaker(first: FloatArray, second: FloatArray) -> FloatArray:
 
 
 def _restarted(
-    case: Case, model: RunModel, seen: AtStations, run: FreeRun, k: int, rng: np.random.Generator
+    case: Case, seen: AtStations, run: FreeRun, k: int, rng: np.random.Generator
 ) -> tuple[AtStations, FloatArray] | None:
-    """Return runs from station ``k`` of the rocks that were seen there, as many as of the free run.
-
-    Arrays of shape (n_rocks, replicates, n_stations), and the run-out (m), shape (n_rocks,
-    replicates). None if fewer than two rocks can be restarted.
-    """
+    """Return runs from station ``k`` of rocks seen there, and run-outs (m); or None."""
     n, m = run.ends.runout_m.shape
     started = np.isfinite(seen.speed_mps[:, k]) & (seen.speed_mps[:, k] > 0.0)
     rocks = np.flatnonzero(started)
@@ -108,7 +108,7 @@ def _restarted(
         return None
     rock = np.repeat(rocks, m)
     draw = np.tile(np.arange(m), rocks.size)
-    s, states = _states(case, model.rock_lines, seen, run, k, rock, draw, rng)
+    s, states = _states(case, seen, run, k, rock=rock, draw=draw, rng=rng)
     axes = {f"axis_{j + 1}_m": run.axes_m[rock, draw, j] for j in range(3)}
     blocks = [replace(own, volume_m3=None, volume_exponent=None) for own in case.blocks]
     releases = Releases(
@@ -118,13 +118,14 @@ def _restarted(
         np.nan_to_num(seen.lateral_m[rock, k]),
         np.arange(rock.size, dtype=np.uint64),
     )
-    done = move(case, model.rock_lines, releases, model.moving, seed=model.seed + 1 + k, count=1)
+    lines = run.rock_lines
+    done = move(case, lines, releases, run.model, seed=run.seed + 1 + k, count=1)
     at, _, _ = passages_of(
-        model.rock_lines.unforested, done, rock[done.passages["line"]],
+        lines.unforested, done, rock[done.passages["line"]],
         draw[done.passages["line"]], moving_axes(run.axes_m, case.engine), len(case.station_names),
     )  # fmt: skip
     at.arrived[~started] = np.nan
-    ends = ends_of(done, rock.size, 1, model.rock_lines.end[rock])
+    ends = ends_of(done, rock.size, 1, lines.end[rock])
     runout = np.full((n, m), np.nan)
     runout[rock, draw] = ends.runout_m[:, 0]
     return at, runout
@@ -132,10 +133,10 @@ def _restarted(
 
 def _states(
     case: Case,
-    rock_lines: RockLines,
     seen: AtStations,
     run: FreeRun,
     k: int,
+    *,
     rock: IntArray,
     draw: IntArray,
     rng: np.random.Generator,
@@ -143,13 +144,12 @@ def _states(
     """Return chainages and states of the blocks in which rocks start again at station ``k``.
 
     The engine lets a rock go along the ground, from a height. A flight across the station in any
-    other direction is therefore begun where it runs along the ground, before or behind the
-    station: that is the same flight.
+    other direction is therefore begun where it runs along the ground: that is the same flight.
     """
-    error = errors_of(case)
+    error, profiles = errors_of(case), run.rock_lines.unforested
     size = rock.size
     s = case.station_s[rock, k]
-    dip = dips_at(rock_lines.unforested, rock, s)
+    dip = dips_at(profiles, rock, s)
     a, b, _ = np.moveaxis(run.axes_m[rock, draw], -1, 0)
     radius = np.cbrt(run.axes_m[rock, draw].prod(axis=1))
     speed = seen.speed_mps[rock, k]
@@ -171,12 +171,14 @@ def _states(
     # On the ground it stands so that its spin needs no lever: on its flat or its narrow side.
     orientation = np.where(ground, 0.5 * math.pi * rng.integers(0, 2, size), orientation)
     support = np.hypot(a * np.sin(orientation), b * np.cos(orientation))
-    centre = np.maximum(above + b / np.cos(dip), b / np.cos(dip) + _LEAST_DROP_M)
+    centre = np.maximum(above + b / np.cos(dip), b / np.cos(dip) + RESTART_DROP_M)
     angle = np.clip(dip + rise_rad, -1.5, 1.5)
-    start, fast, high, dip_there = _parallel(
-        case, rock_lines, rock, s, centre, speed * np.cos(angle), speed * np.sin(angle), k
-    )
-    drop = np.maximum(high - support / np.cos(dip_there), _LEAST_DROP_M)
+    start, fast, high = _parallel(
+        case, profiles, k, rock=rock, s=s, centre=centre,
+        vx=speed * np.cos(angle), vz=speed * np.sin(angle),
+    )  # fmt: skip
+    dip_there = dips_at(profiles, rock, start)
+    drop = np.maximum(high - support / np.cos(dip_there), RESTART_DROP_M)
     return np.where(ground, s, start), {
         "speed_mps": np.where(ground, speed, fast),
         "spin_radps": spin,
@@ -197,10 +199,10 @@ def _like(
     blur: tuple[float, float, float],
     rng: np.random.Generator,
 ) -> IntArray:
-    """Return number of one of the rocks that came which are most like each of some that were seen.
+    """Return one of the rocks that came which are most like each of some that were seen.
 
-    By speed, turning and height above the resting position, as ``_came`` has them. ``blur``:
-    relative errors of the first two, and the error of the height (m), within which they are alike.
+    By speed, turning and height, within ``blur``: relative errors of two, and that of the height
+    (m).
     """
     data, asked = [], []
     for k, (own, other, error) in enumerate(zip(came, seen, blur, strict=True)):
@@ -211,7 +213,7 @@ def _like(
         scale = math.hypot(error, 0.1 * float(own.std())) + 1e-9
         data.append(own / scale)
         asked.append(known / scale)
-    count = min(_LIKE, came[0].size)
+    count = min(LIKE_ROCKS, came[0].size)
     far, near = cKDTree(np.column_stack(data)).query(np.column_stack(asked), k=count)
     # Each with the likelihood of what was seen, up to a factor.
     total = np.cumsum(np.exp(0.5 * (far[:, :1] ** 2 - far**2)), axis=1)
@@ -223,11 +225,10 @@ def _like(
 def _came(run: FreeRun, k: int, dip: FloatArray) -> tuple[FloatArray, ...] | None:
     """Return the rocks that the model brings to a station; None if these are too few.
 
-    Whether it rolls or slides, angle of the velocity above the ground (rad), speed (m/s), ω r/v,
-    height above the resting position (m).
+    Whether they roll, angle above the ground (rad), speed (m/s), ω r/v, height above resting (m).
     """
     i, j = np.nonzero(run.at.arrived[:, :, k] == 1.0)
-    if i.size < _LEAST_LIKE:
+    if i.size < FEWEST_LIKE_ROCKS:
         return None
     speed = run.at.speed_mps[i, j, k]
     radius = np.cbrt(run.axes_m[i, j].prod(axis=1))
@@ -240,27 +241,26 @@ def _came(run: FreeRun, k: int, dip: FloatArray) -> tuple[FloatArray, ...] | Non
 
 def _parallel(
     case: Case,
-    rock_lines: RockLines,
+    profiles: ProfileSet,
+    k: int,
+    *,
     rock: IntArray,
     s: FloatArray,
     centre: FloatArray,
     vx: FloatArray,
     vz: FloatArray,
-    k: int,
-) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-    """Find where flights run along the ground: chainage, speed, height of the centre, dip."""
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Find where flights run along the ground: chainage, speed, height of the centre."""
     g = case.engine.gravity_mps2
-    t = np.arange(-_LONGEST_S, _LONGEST_S + 0.5 * _STEP_S, _STEP_S)
+    t = np.arange(-PARALLEL_S, PARALLEL_S + 0.5 * PARALLEL_STEP_S, PARALLEL_STEP_S)
     zero = int(np.argmin(np.abs(t)))
     start, speed, height = s.copy(), np.hypot(vx, vz), centre.copy()
     station = case.station_s
     below = np.where(np.isfinite(station) & (station > station[:, k : k + 1]), station, np.inf)
     next_s = below.min(axis=1)
-    offset = rock_lines.unforested.offset
     for i in np.unique(rock).tolist():
         rows = np.flatnonzero(rock == i)
-        own = slice(int(offset[i]), int(offset[i + 1]))
-        sx, sz = rock_lines.unforested.s[own], rock_lines.unforested.z[own]
+        sx, sz = profiles.vertices(i)
         x = s[rows, None] + vx[rows, None] * t
         rise = np.interp(x, sx, sz) - np.interp(s[rows], sx, sz)[:, None]
         clear = centre[rows, None] + vz[rows, None] * t - 0.5 * g * t * t - rise
@@ -274,4 +274,4 @@ def _parallel(
         pick = np.arange(rows.size)
         start[rows], height[rows] = x[pick, best], clear[pick, best]
         speed[rows] = np.hypot(vx[rows], vz[rows] - g * t[best])
-    return start, speed, height, dips_at(rock_lines.unforested, rock, start)
+    return start, speed, height

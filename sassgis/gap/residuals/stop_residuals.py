@@ -11,6 +11,7 @@ from scipy.cluster.hierarchy import fcluster, linkage
 
 from sassgis.engine.effects.lateral_deflection import LateralDeflection
 from sassgis.engine.simulate import moving_axes
+from sassgis.gap.constants import FLYING_M, LOGGED_EVENTS, ONE_RELEASE_M, SPEED_PARTS
 from sassgis.gap.forward.hypothesis_model import HypothesisModel
 from sassgis.gap.forward.observation_operator import observe
 from sassgis.gap.forward.released_rocks import Moved, all_rocks, move
@@ -21,15 +22,6 @@ from sassgis.gap.residuals.rock_residuals import Residual, beyond, mean_of_draws
 from sassgis.grid import BoolArray, FloatArray, IntArray
 from sassgis.settings.profiles import ProfileSet
 from sassgis.settings.results import StopReason
-
-#: Events of each block from which its impacts are taken.
-_MOST_EVENTS = 160
-#: Starts less far apart than this are one release: errors of the terrain there are shared (m).
-_RELEASE_M = 10.0
-#: Part of the impacts whose speeds count as the same.
-_SPEED_PARTS = 10
-#: Height above the resting position from which most rocks at a station count as flying (m).
-FLYING_M = 0.3
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,11 +48,11 @@ class Ends:
 
 @dataclass(frozen=True, slots=True)
 class FreeRun:
-    """Replicates of the rocks of a case, released where they were.
+    """Replicates of the rocks, arrays (n_rocks, replicates, n_stations), of ``ends`` (.., ..)."""
 
-    Arrays of shape (n_rocks, replicates, n_stations), of ``ends`` (n_rocks, replicates).
-    """
-
+    model: HypothesisModel
+    rock_lines: RockLines
+    seed: int
     at: AtStations
     ground: BoolArray  # whether they rolled or slid there
     rise_rad: FloatArray  # angle of the velocity above the ground
@@ -76,35 +68,17 @@ class FreeRun:
         return radius
 
     def turn_after(self, out_mps: FloatArray) -> FloatArray:
-        """Return the mean turn of paths at impacts that they leave as fast (deg), shape (n,).
-
-        Over a tenth of the impacts, those of about the same speed: slow rocks turn more. 0 without
-        any.
-        """
+        """Return the mean turn of paths at impacts that they leave as fast (deg), (n,)."""
         columns = [(np.hypot(rows.vt_out, rows.vn_out), rows.turn_deg) for rows in self.impacts]
         speed, turn = np.concatenate([np.empty((2, 0)), *columns], axis=1)
         known = np.isfinite(speed) & np.isfinite(turn)
         order = np.argsort(speed[known], kind="stable")
         if not order.size:
             return np.zeros(out_mps.size)
-        near = max(order.size // _SPEED_PARTS, 1)
+        near = max(order.size // SPEED_PARTS, 1)
         size = sliding_window_view(np.abs(turn[known][order]), near).mean(axis=1)
         middle = sliding_window_view(speed[known][order], near).mean(axis=1)
         return np.asarray(np.interp(out_mps, middle, size))
-
-
-@dataclass(frozen=True, slots=True)
-class RunModel:
-    """Model with which the rocks of a case are run."""
-
-    moving: HypothesisModel
-    rock_lines: RockLines
-    seed: int
-
-    @classmethod
-    def of(cls, case: Case, model: HypothesisModel, seed: int) -> RunModel:
-        """Return a model for the rocks of a case."""
-        return cls(model, rock_lines_of(case), seed)
 
 
 def observed_at_stations(case: Case) -> AtStations:
@@ -146,10 +120,7 @@ def _not_passed(case: Case) -> BoolArray:
 
 
 def observed_end(case: Case) -> Ends:
-    """Return the observed end of each rock; arrays of shape (n_rocks,), NaN where nothing was.
-
-    Blocks that belong to no rock are counted with the rocks of their fall line, in turn.
-    """
+    """Return the end of each rock, or NaN; nameless blocks count with rocks of their line."""
     n = case.n_rocks
     rows = observed_campaign(case).deposits
     if rows is None:
@@ -171,44 +142,36 @@ def observed_end(case: Case) -> Ends:
         return Ends(runout, lateral, stops, mass / case.mass_kg)
 
 
-def free_run(case: Case, model: RunModel, replicates: int) -> FreeRun:
+def free_run(case: Case, model: HypothesisModel, seed: int, replicates: int) -> FreeRun:
     """Release every rock ``replicates`` times where it was released."""
-    n, m = case.n_rocks, len(case.station_names)
+    n, m, lines = case.n_rocks, len(case.station_names), rock_lines_of(case)
     recorded = len(case.observations.impacts) > 0
     done = move(
-        case,
-        model.rock_lines,
-        all_rocks(case, model.rock_lines),
-        model.moving,
-        seed=model.seed,
-        count=replicates,
-        log_events=_MOST_EVENTS if recorded else 0,
-    )
+        case, lines, all_rocks(case, lines), model, seed=seed, count=replicates,
+        log_events=LOGGED_EVENTS["impacts"] if recorded else 0,
+    )  # fmt: skip
     axes = np.stack([done.rocks[f] for f in ("a_m", "b_m", "c_m")], axis=1)
     axes = axes.reshape(n, replicates, 3)
     rows = done.passages
     at, ground, rise_rad = passages_of(
-        model.rock_lines.unforested, done, rows["line"], rows["rock"],
+        lines.unforested, done, rows["line"], rows["rock"],
         moving_axes(axes, case.engine), m,
     )  # fmt: skip
     at.arrived[np.broadcast_to(_not_passed(case)[:, None, :], at.arrived.shape)] = np.nan
-    ends = ends_of(done, n, replicates, model.rock_lines.end)
-    impacts = _impacts(case, model, done, replicates) if recorded else ()
-    return FreeRun(at, ground, rise_rad, ends, impacts, axes)
-
-
-def _impacts(case: Case, model: RunModel, done: Moved, count: int) -> tuple[ImpactRows, ...]:
-    """Return impacts of each replicate.
-
-    What instruments scale is scaled back in the case already.
-    """
-    error = replace(model.moving.measurement, scale=1.0, spin_scale=1.0, stretch=1.0)
-    rng = np.random.default_rng([model.seed, 35])
-    made = observe(
-        case, model.rock_lines, replace(model.moving, measurement=error), done, count, rng,
-        frozenset({"impacts"}),
+    ends = ends_of(done, n, replicates, lines.end)
+    impacts: tuple[ImpactRows, ...] = ()
+    if recorded:
+        # What instruments scale is scaled back in the case already.
+        error = replace(model.measurement, scale=1.0, spin_scale=1.0, stretch=1.0)
+        made = observe(
+            case, lines, replace(model, measurement=error), done, count=replicates,
+            rng=np.random.default_rng([seed, 35]), tables=frozenset({"impacts"}),
+        )  # fmt: skip
+        impacts = tuple(one.impacts for one in made if one.impacts is not None)
+    return FreeRun(
+        model=model, rock_lines=lines, seed=seed, at=at, ground=ground, rise_rad=rise_rad,
+        ends=ends, impacts=impacts, axes_m=axes,
     )  # fmt: skip
-    return tuple(one.impacts for one in made if one.impacts is not None)
 
 
 def passages_of(
@@ -219,9 +182,7 @@ def passages_of(
     moving: FloatArray,
     n_stations: int,
 ) -> tuple[AtStations, BoolArray, FloatArray]:
-    """Return passages as arrays by rock, replicate and station.
-
-    Of a rock and its fragments they are the rock's.
+    """Return passages as arrays by rock, replicate and station; of fragments they are the rock's.
 
     ``rock`` and ``draw`` are those of each passage, ``moving`` the semi-axes of rocks as they move
     (m), shape (n, k, 3).
@@ -282,50 +243,58 @@ def free_run_residuals(
     mean_s = _column_means(case.station_s)
     for k, name in enumerate(case.station_names):
         where = (mean_s[k], mean_s[k])
-        found += residuals_at_station(case, seen, run, run.at, k, name, "free run", where)
+        found += residuals_at_station(
+            case=case, seen=seen, run=run, predicted=run.at, k=k, place=name, test="free run",
+            span=where,
+        )  # fmt: skip
     sides = case.terrain is not None or case.effects.get(LateralDeflection) is None
     if sides:
         for k, name in enumerate(case.station_names):
             phase = _phase(case, run, seen, k)
             found += _sides(
-                case, seen.lateral_m[:, k], run.at.lateral_m[:, :, k], name, phase,
-                (mean_s[k], mean_s[k]), rng,
+                case=case, lateral=seen.lateral_m[:, k], draws=run.at.lateral_m[:, :, k],
+                place=name, phase=phase, span=(mean_s[k], mean_s[k]), rng=rng,
             )  # fmt: skip
     end, made = observed_end(case), run.ends
     runout = end.runout_m
     if np.isfinite(runout).any():
         span = (float(np.nanmin(runout)), float(np.nanmax(runout)))
         draws = made.runout_m + errors_of(case).stop_m * rng.standard_normal(made.runout_m.shape)
-        own = ("all", "stopping", "runout_m", "free run")
-        found.append(Residual(*own, runout, mean_of_draws(draws), *span))
+        stopped = Residual(
+            place="all", phase="stopping", quantity="runout_m", test="free run", observed=runout,
+            predicted=mean_of_draws(draws), s0_m=span[0], s1_m=span[1],
+        )  # fmt: skip
         away, usual, score = spread(runout, draws)
-        own = ("all", "stopping", "runout_m_spread", "free run")
-        found.append(Residual(*own, away, usual, *span, score))
-        if sides:
-            found += _sides(case, end.lateral_m, made.lateral_m, "all", "stopping", span, rng)
+        other = "runout_m_spread"
         found += [
-            Residual("all", "impact", name, "free run", values, mean_of_draws(draws), *span)
+            stopped,
+            replace(stopped, quantity=other, observed=away, predicted=usual, score=score),
+        ]
+        if sides:
+            found += _sides(
+                case=case, lateral=end.lateral_m, draws=made.lateral_m, place="all",
+                phase="stopping", span=span, rng=rng,
+            )  # fmt: skip
+        found += [
+            replace(
+                stopped, phase="impact", quantity=name, observed=values,
+                predicted=mean_of_draws(draws),
+            )
             for name, values, draws in (
                 ("stops_per_rock", end.stops, made.stops),
                 ("largest_share", end.largest, made.largest),
             )
-        ]
+        ]  # fmt: skip
     return found
 
 
 def side_error(case: Case, stop: bool = False) -> float:
-    """Return the error of an offset from the fall line (m), of a stop or of a passage.
-
-    The line starts where the rock was seen to start, and is known to half a cell.
-    """
+    """Return the error of an offset (m): of its ends, and of the line, known to half a cell."""
     return math.hypot(_ends_error(case, stop), 0.5 * case.grid.cell_size)
 
 
 def _ends_error(case: Case, stop: bool) -> float:
-    """Return the error of measurement at both ends of an offset (m).
-
-    The ends are the start, and the passage or stop.
-    """
+    """Return the error at both ends of an offset: the start, and the passage or stop (m)."""
     error = errors_of(case)
     return math.hypot(error.position_m, error.stop_m if stop else error.position_m)
 
@@ -355,25 +324,21 @@ def _sides(
         mean = np.where(np.isfinite(lateral), 0.0, np.nan)
         size, usual = np.abs(lateral), mean + error * math.sqrt(2.0 / math.pi)
         score = only_above(size - usual)
-    return [
-        Residual(
-            place, phase, "lateral_m", "free run", lateral, mean, *span,
-            beyond(lateral - mean, error),
-        ),
-        Residual(place, phase, "lateral_m_spread", "free run", size, usual, *span, score),
-    ]  # fmt: skip
+    aside = Residual(
+        place=place, phase=phase, quantity="lateral_m", test="free run", observed=lateral,
+        predicted=mean, s0_m=span[0], s1_m=span[1], score=beyond(lateral - mean, error),
+    )  # fmt: skip
+    other = "lateral_m_spread"
+    return [aside, replace(aside, quantity=other, observed=size, predicted=usual, score=score)]
 
 
 def _apart(case: Case, lateral: FloatArray) -> FloatArray:
-    """Return offsets of campaigns less what the rocks of each release have in common in it.
-
-    ``lateral``: shape (n_rocks, n_campaigns). A rock that was released by itself keeps nothing.
-    """
+    """Return offsets (n_rocks, n_campaigns) less what rocks of each release have in common."""
     start = case.traces.offset[case.line]
     places = np.column_stack([case.traces.x[start], case.traces.y[start]])
     release = np.ones(1, np.int64)
     if len(places) > 1:
-        release = fcluster(linkage(places, "single"), _RELEASE_M, "distance")
+        release = fcluster(linkage(places, "single"), ONE_RELEASE_M, "distance")
     found = lateral.copy()
     for k in np.unique(release).tolist():
         own = release == k
@@ -395,8 +360,11 @@ def residuals_at_station(
     moving = dict.fromkeys(("speed_mps", "rotation_hz", "height_m"), _phase(case, run, seen, k))
     found = []
     for name, phase in {**moving, "arrived": "stopping"}.items():
-        observed, draws = getattr(seen, name)[:, k], getattr(predicted, name)[:, :, k]
-        found.append(Residual(place, phase, name, test, observed, mean_of_draws(draws), *span))
+        own = Residual(
+            place=place, phase=phase, quantity=name, test=test, observed=getattr(seen, name)[:, k],
+            predicted=mean_of_draws(getattr(predicted, name)[:, :, k]), s0_m=span[0], s1_m=span[1],
+        )  # fmt: skip
+        found.append(own)
     return found
 
 

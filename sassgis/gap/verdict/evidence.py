@@ -7,21 +7,28 @@ from dataclasses import dataclass, replace
 
 from sassgis.gap.causes.all_causes import CAUSES
 from sassgis.gap.causes.trees_cause import losses_at_one_place
+from sassgis.gap.constants import (
+    CHOSEN_COUNT,
+    CONFIGURED_NUMBER,
+    PLAUSIBLE_AT_ONCE,
+    PLAUSIBLE_FITS,
+    REPLICATES,
+)
 from sassgis.gap.diagnosis import CauseGain, Fingerprint, GapFinding, Rung, Shrinkage, Verdict
 from sassgis.gap.fit.hypothesis_fit import (
-    CONFIGURED_NUMBER,
     CONTACT_LAW,
-    FRESH,
     NONE,
     UNKNOWN,
     FittedHypothesis,
+    HypothesisDraw,
     HypothesisFits,
+    draw_of,
     families_to_try,
 )
 from sassgis.gap.fit.linear_fit import SiteSummary
 from sassgis.gap.fit.site_data import model_rows
 from sassgis.gap.forward.hypothesis_model import HypothesisModel, configured_model
-from sassgis.gap.residuals.residual_table import REPLICATES, residuals_with
+from sassgis.gap.residuals.residual_table import residuals_with
 from sassgis.gap.verdict.findings import where
 from sassgis.gap.verdict.model_comparison import (
     CONFIGURED,
@@ -51,15 +58,11 @@ from sassgis.gap.words import effect_key
 from sassgis.grid import FloatArray
 from sassgis.settings.languages import phrase
 
-#: Calibrations that are looked at where the best leaves something large, and how many at once.
-_PLAUSIBLE, _AT_ONCE = 16, 4
-
 
 def configured_as_observed(made: HypothesisFits) -> HypothesisModel:
     """Return the configured model; its rotations are observed as those of calibrated ground.
 
-    Blocks that do not turn in one plane do not do so on any ground: what the factor on rotations
-    closes of the gap is closed by no model that is handed over.
+    What the factor on rotations closes of the gap is closed by no model that is handed over.
     """
     seen = made.add(NONE).handed_over.draw.model.measurement
     return replace(configured_model(made.problem.case), measurement=seen)
@@ -111,12 +114,11 @@ def evidence_of_site(made: HypothesisFits) -> AddedCauses:
     The base is adequate if one of the calibrations that the rocks leave plausible is: of all values
     of what is not known none may be right, for it to be wrong (R. L. Berger and D. D. Boos, 1994, P
     values maximized over a confidence set for the nuisance parameter, J. Am. Stat. Assoc. 89,
-    1012-1016). A contact that is free in wide limits may be calibrated less well than the ground
-    alone.
+    1012-1016). A free contact may be calibrated less well than the ground alone.
     """
     problem = made.problem
     found = evidence_beyond(made, made.add(CONTACT_LAW), families_to_try(problem.case))
-    rows = model_rows(problem, configured_as_observed(made), CONFIGURED_NUMBER, FRESH)
+    rows = model_rows(problem, configured_as_observed(made), CONFIGURED_NUMBER, CHOSEN_COUNT)
     ladder = Ladder(problem)
     ladder.add(CONFIGURED, "", rows)
     ladder.add(GROUND, CONFIGURED, made.rows(NONE))
@@ -124,11 +126,13 @@ def evidence_of_site(made: HypothesisFits) -> AddedCauses:
     rungs = ladder.rungs(CONFIGURED, GROUND, CONTACT_LAW)
     added = AddedCauses(made, found, ladder, rungs, rows, needs_contact_law(rungs))
     if not adequate(found.findings):
-        draws = made.add(CONTACT_LAW).samples(problem.case, _PLAUSIBLE)
-        models = [own.model for own in draws]
+        draws = [
+            HypothesisDraw(CONTACT_LAW, own.parameter_draws, 0, REPLICATES)
+            for own in made.add(CONTACT_LAW).samples(problem.case, PLAUSIBLE_FITS)
+        ]
         if added.base != CONTACT_LAW:
-            models = [made.add(NONE).handed_over.draw.model, *models]
-        if (left := first_adequate(made, models)) is not None:
+            draws.insert(0, HypothesisDraw(NONE, made.add(NONE).shares, 0, REPLICATES))
+        if (left := first_adequate(made, draws)) is not None:
             note = phrase(
                 "The best calibration with a free contact leaves a significant and large gap. The "
                 "base model is therefore a calibration that the rocks do not exclude. Gaps by "
@@ -139,32 +143,23 @@ def evidence_of_site(made: HypothesisFits) -> AddedCauses:
 
 
 def first_adequate(
-    made: HypothesisFits, models: Sequence[HypothesisModel]
+    made: HypothesisFits, draws: Sequence[HypothesisDraw]
 ) -> tuple[GapFinding, ...] | None:
-    """Locate the gap with the first model that leaves nothing significant and large, if any."""
-    for k in range(0, len(models), _AT_ONCE):
-        tasks = [_Left(own, REPLICATES) for own in models[k : k + _AT_ONCE]]
-        left: list[tuple[GapFinding, ...]] = list(made.run(_left_by, tasks))
+    """Locate the gap with the first draw that leaves nothing significant and large, if any."""
+    for k in range(0, len(draws), PLAUSIBLE_AT_ONCE):
+        due = draws[k : k + PLAUSIBLE_AT_ONCE]
+        left: list[tuple[GapFinding, ...]] = list(made.run(_left_by, due))
         if any(map(adequate, left)):
             return next(filter(adequate, left))
     return None
 
 
-@dataclass(frozen=True, slots=True)
-class _Left:
-    """A model that takes the place of the base, and runs of each rock."""
-
-    model: HypothesisModel
-    count: int
-
-
-def _left_by(summary: SiteSummary, task: _Left) -> tuple[GapFinding, ...]:
-    """Locate the gap with a model in place of the base."""
-    problem = summary.problem
-    case, residuals = residuals_with(
-        problem.case, task.model, seed=problem.seed, replicates=task.count
-    )
-    return where(case, residuals, seed=problem.seed)
+def _left_by(summary: SiteSummary, task: HypothesisDraw) -> tuple[GapFinding, ...]:
+    """Locate the gap with a draw in place of the base."""
+    case, seed = summary.problem.case, summary.problem.seed
+    model = draw_of(case, task.effect, task.shares).model
+    case, residuals = residuals_with(case, model, seed=seed, replicates=task.count)
+    return where(case, residuals, seed=seed)
 
 
 @dataclass(frozen=True, slots=True)
@@ -211,7 +206,7 @@ class AddedCauses:
         fingerprints measure stays as they have it.
         """
         gains = self.evidence.gains
-        seen = {f.statistic: (f.z, f.value) for f in self.evidence.prints if f.observable}
+        seen = {f.statistic: f for f in self.evidence.prints if f.observable}
         start: dict[str, float] = {}
         held: dict[str, float] = {}
         for cause in effect.split("+"):
@@ -241,10 +236,7 @@ def shares_of(
 
 
 def _second(added: AddedCauses, first: str, weights: CauseWeights, frozen: Thresholds) -> str:
-    """Return a second cause in addition to the first.
-
-    There is remaining evidence once the first is in the model.
-    """
+    """Return a second cause of which evidence is left once the first is in the model; or ""."""
     case = added.made.problem.case
     families = tuple(name for name in families_to_try(case) if name != first)
     # Only what there is evidence of beyond the base is looked for again.
@@ -268,10 +260,7 @@ def verdict_of(
     frozen: Thresholds,
     sound: bool,
 ) -> tuple[Verdict, Shrinkage]:
-    """Give the answer, and how far the gap shrinks by what is named.
-
-    ``sound``: whether the base leaves nothing that is significant and large.
-    """
+    """Give the answer, and how far the gap shrinks; ``sound``: the base leaves nothing large."""
     evidence, law = added.evidence, added.needs_law
     enough = ground_is_enough(added.rungs) or adequate(evidence.findings)
     first = _most_probable(shares, evidence.gains)
@@ -296,20 +285,17 @@ def verdict_of(
     fitted = () if effect in (UNKNOWN, CONTACT_LAW) else added.fit(effect).models
     case = added.made.problem.case
     phase, segments = place_of(effect, case, [own.draw for own in fitted], evidence.findings)
+    seen = (*shares, *effect.split("+"))
+    # The law of the contact is that of the base, whichever families there are.
+    none = shares[NONE] if effect == CONTACT_LAW else 0.0
     verdict = Verdict(
-        effect,
-        confidence_of(effect, shares, frozen.right),
-        confusion_set(effect, frozen.possible, shares),
-        phase,
-        segments,
-        reason,
-        dict(shares),
-        group,
-        CONTACT_LAW if law else "ground" if enough else "unresolved",
-        # The law of the contact is that of the base, whichever families there are.
-        group_probability(group, shares) + (shares[NONE] if effect == CONTACT_LAW else 0.0),
-        tuple(n for n in families_to_try(case) if n not in (*shares, *effect.split("+"))),
-    )
+        effect=effect, confidence=confidence_of(effect, shares, frozen.right),
+        confusion_set=confusion_set(effect, frozen.possible, shares), phase=phase,
+        segments=segments, reason=reason, probabilities=dict(shares), group=group,
+        base=CONTACT_LAW if law else "ground" if enough else "unresolved",
+        group_probability=group_probability(group, shares) + none,
+        cannot_exclude=tuple(n for n in families_to_try(case) if n not in seen),
+    )  # fmt: skip
     return verdict, shrinkage
 
 

@@ -14,6 +14,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from sassgis.gap.constants import BEGINNING_SHARE, FINDING_ROCKS, LEVEL
 from sassgis.gap.diagnosis import GapFinding, Range
 from sassgis.gap.fit.distances import times_drawn
 from sassgis.gap.observations.case import Case
@@ -23,26 +24,15 @@ from sassgis.grid import FloatArray
 from sassgis.settings.profiles import TraceSet
 from sassgis.terrain.flatten import chainage_to_xy
 
-#: Findings that rest on fewer rocks are left out.
-LEAST_ROCKS = 5
-#: Chance of a false finding among all that is taken for the place of the gap.
-LEVEL = 0.05
-#: Reaches in which the gap is less sure than this share of the surest are not where it begins.
-_SHARE = 0.4
-
 
 def where(
     case: Case, residuals: ResidualTable, *, seed: int, draws: int = 999
 ) -> tuple[GapFinding, ...]:
-    """Find where observation and model differ, most certain first.
-
-    Quantities that fewer than five rocks have are left out. ``draws``: for the tests and the
-    intervals.
-    """
+    """Find where observation and model differ, most certain first; few rocks say nothing."""
     rng = np.random.default_rng([seed, 33])
     unit = case.unit
     tested = [(r, r.tested()) for r in residuals.rows]
-    tested = [(r, v) for r, v in tested if int(np.isfinite(v).sum()) >= LEAST_ROCKS]
+    tested = [(r, v) for r, v in tested if int(np.isfinite(v).sum()) >= FINDING_ROCKS]
     if not tested:
         return ()
     values = np.column_stack([v for _, v in tested])
@@ -67,31 +57,18 @@ def _finding(
     gap = residual.gap[own]
     x, y = _on_map(case, residual, own)
     return GapFinding(
-        place=residual.place,
-        phase=residual.phase,
-        quantity=residual.quantity,
-        gap=float(np.average(gap, weights=weight)),
-        unit=residual.unit,
-        ci95=_interval(gap, weight, times[:, own]),
-        p_adjusted=adjusted,
-        q_value=q,
-        rocks=int(own.sum()),
-        observed=float(np.average(residual.observed[own], weights=weight)),
-        predicted=float(np.average(residual.predicted[own], weights=weight)),
-        test=residual.test,
-        s0_m=residual.s0_m,
-        s1_m=residual.s1_m,
-        x=x,
-        y=y,
+        place=residual.place, phase=residual.phase, quantity=residual.quantity,
+        gap=float(np.average(gap, weights=weight)), unit=residual.unit,
+        ci95=_interval(gap, weight, times[:, own]), p_adjusted=adjusted, q_value=q,
+        rocks=int(own.sum()), observed=float(np.average(residual.observed[own], weights=weight)),
+        predicted=float(np.average(residual.predicted[own], weights=weight)), test=residual.test,
+        s0_m=residual.s0_m, s1_m=residual.s1_m, x=x, y=y,
         values=max(residual.steps, int(own.sum())),
-    )
+    )  # fmt: skip
 
 
 def _interval(gap: FloatArray, weight: FloatArray, times: FloatArray) -> Range:
-    """Return percentiles of the mean over bootstrapped rocks.
-
-    ``times``: how often each was drawn.
-    """
+    """Return percentiles of the mean over rocks; ``times``: how often each was drawn."""
     below = times @ weight
     drawn = below > 0.0
     if not drawn.any():
@@ -110,7 +87,7 @@ def _on_map(case: Case, residual: Residual, own: np.ndarray) -> tuple[float, flo
     s = np.full(lines.size, 0.5 * (residual.s0_m + residual.s1_m))
     if residual.place in case.station_names:
         k = case.station_names.index(residual.place)
-        crossed = case.stations.s[lines, case.station_order[k]]
+        crossed = case.stations[lines, case.station_order[k]]
         s = np.where(np.isfinite(crossed), crossed, s)
     x, y = chainage_to_xy(case.traces, lines, np.clip(s, 0.0, last))
     known = np.isfinite(x)
@@ -120,22 +97,10 @@ def _on_map(case: Case, residual: Residual, own: np.ndarray) -> tuple[float, flo
 
 
 def locate(findings: Sequence[GapFinding]) -> tuple[str, tuple[str, ...]]:
-    """Return the phase and reaches in which the gap begins.
+    """Return the phase ("": nothing is certain) and reaches (may be none) in which the gap begins.
 
     Single steps say most, reaches more than runs from the release: what is wrong in a single step
     is wrong where it is made.
-
-    Parameters
-    ----------
-    findings : sequence of GapFinding
-        As ``where`` returns them.
-
-    Returns
-    -------
-    phase : str
-        "" if nothing is certain.
-    reaches : tuple of str
-        From the top down; empty if the place is not identifiable.
     """
     sure = [f for f in findings if f.p_adjusted < LEVEL]
     phase = ""
@@ -148,7 +113,7 @@ def locate(findings: Sequence[GapFinding]) -> tuple[str, tuple[str, ...]]:
             own = [f for f in own if f.phase == phase]
         own = [f for f in own if "-" in f.place and f.s0_m < f.s1_m]
         strongest = max((_strength(f) for f in own), default=0.0)
-        reaches = {f.place: f.s0_m for f in own if _strength(f) >= _SHARE * strongest}
+        reaches = {f.place: f.s0_m for f in own if _strength(f) >= BEGINNING_SHARE * strongest}
         if reaches:
             return phase, tuple(sorted(reaches, key=lambda name: reaches[name]))
     return phase, ()
@@ -161,10 +126,7 @@ def _strength(finding: GapFinding) -> float:
 
 
 def line_stretch(traces: TraceSet, line: int, s0: float, s1: float) -> FloatArray:
-    """Return part of a fall line between two chainages (m), cut to those of the line, shape (n, 2).
-
-    Coordinates (m); empty where nothing of the line lies between.
-    """
+    """Return coordinates of a fall line between chainages (m), cut to the line, (n, 2)."""
     own = slice(int(traces.offset[line]), int(traces.offset[line + 1]))
     s, x, y = traces.s[own], traces.x[own], traces.y[own]
     low, high = max(s0, float(s[0])), min(s1, float(s[-1]))
@@ -182,12 +144,12 @@ def is_stretch(finding: GapFinding) -> bool:
 def limits_on(case: Case, finding: GapFinding, line: int) -> tuple[float, float]:
     """Return chainages between which a finding lies on one fall line (m).
 
-    Reaches begin and end where this line crosses the stations; other places, and lines that do not
-    cross, take the mean chainages of the finding.
+    Reaches begin and end where this line crosses the stations; else the mean chainages of the
+    finding.
     """
     low, high = finding.s0_m, finding.s1_m
     if finding.place in case.reaches:
-        edges = case.stations.s[line][case.station_order]
+        edges = case.stations[line][case.station_order]
         number = case.reaches.index(finding.place)
         if number > 0 and math.isfinite(edges[number - 1]):
             low = float(edges[number - 1])
@@ -203,9 +165,6 @@ def used_lines(case: Case) -> list[int]:
 
 
 def observed_end(case: Case) -> float:
-    """Return the chainage beyond which nothing was observed (m).
-
-    It is infinite if no point has a chainage.
-    """
+    """Return the chainage beyond which nothing was observed (m); infinite without any."""
     known = np.concatenate([p.s[np.isfinite(p.s)] for p in case.projected.values()])
     return float(known.max()) if known.size else math.inf

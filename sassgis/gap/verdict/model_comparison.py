@@ -15,7 +15,19 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from sassgis.gap.causes.all_causes import CAUSES
-from sassgis.gap.causes.cause import SHOWS, ParameterDraws
+from sassgis.gap.causes.cause import ParameterDraws
+from sassgis.gap.constants import (
+    BASE_CAMPAIGNS,
+    BASE_PARTS,
+    CAUSE_CAMPAIGNS,
+    CAUSE_DRAWS,
+    CAUSE_NUMBER,
+    DIRECTIONS,
+    LADDER_SAMPLES,
+    MOST_CHANGE,
+    OWN_SCATTER,
+    SHOWING_GAIN,
+)
 from sassgis.gap.diagnosis import CauseGain, Range, Rung, Shrinkage
 from sassgis.gap.fit.distances import Interval, RockDistances, times_drawn
 from sassgis.gap.fit.hypothesis_fit import (
@@ -35,15 +47,10 @@ from sassgis.settings.languages import joined, phrase
 
 #: Rungs that are no effect; calibrated ground is the hypothesis "none".
 CONFIGURED, GROUND, FLOOR = "configured", "ground", "floor"
-#: Bootstrap samples of groups of rocks.
-_SAMPLES = 999
 
 
 def group_weights(group: IntArray, rng: np.random.Generator, samples: int) -> FloatArray:
-    """Count how often bootstrap samples of groups hold each rock, shape (samples, n_rocks).
-
-    ``group``: of each rock, numbered from 0.
-    """
+    """Count how often samples of groups, from 0, hold each rock, (samples, n_rocks)."""
     weights = times_drawn(group, rng, samples)
     # A sample of one rock has no pairs.
     paired: FloatArray = weights[(weights > 0.0).sum(axis=1) > 1]
@@ -53,9 +60,7 @@ def group_weights(group: IntArray, rng: np.random.Generator, samples: int) -> Fl
 def share_of(
     above: RockDistances, below: RockDistances, floor: float, drawn: Sequence[FloatArray]
 ) -> tuple[float, Range | None]:
-    """Return the share of the gap ``above`` (model before) that is closed ``below`` (after).
-
-    With its 95 % interval.
+    """Return the share of the gap ``above`` that is closed ``below``, with its 95 % interval.
 
     ``drawn``: both in bootstrap samples, shape (samples,) each; one without a gap is left out.
     """
@@ -69,15 +74,12 @@ def share_of(
 
 
 class Ladder:
-    """Distances of models from the observed rocks, and what each closes beyond simpler ones.
-
-    Rocks, or groups of them, are resampled alike for all.
-    """
+    """Distances of models from the observed rocks, and what each closes beyond simpler ones."""
 
     def __init__(self, problem: SiteData) -> None:
         self._observed = problem.rows
         rng = np.random.default_rng([problem.seed, 53])
-        self._weights = group_weights(problem.unit, rng, _SAMPLES)
+        self._weights = group_weights(problem.unit, rng, LADDER_SAMPLES)
         self._found: dict[str, tuple[str, RockDistances, FloatArray]] = {}
 
     def add(self, rung: str, over: str, rows: FloatArray) -> None:
@@ -87,10 +89,7 @@ class Ladder:
             self._found[rung] = over, own, own.drawn(self._weights)
 
     def gain(self, simpler: str, rung: str) -> Interval | None:
-        """Return the distance of a simpler model less that of another.
-
-        It is None where nothing was compared.
-        """
+        """Return the distance of a simpler model less that of another; None without."""
         if not {simpler, rung} <= self._found.keys():
             return None
         (_, before, drawn), (_, after, drawn_after) = self._found[simpler], self._found[rung]
@@ -102,8 +101,8 @@ class Ladder:
     def rungs(self, *names: str) -> tuple[Rung, ...]:
         """Return distance, share of the gap of the first model and gain of each, and the floor.
 
-        Empty where nothing could be compared. Shares are withheld where the gap of the first model
-        may be chance.
+        Empty where nothing could be compared; shares are withheld where the first gap may be
+        chance.
         """
         if not self._found:
             return ()
@@ -170,32 +169,29 @@ def ground_is_enough(ladder: Sequence[Rung]) -> bool:
 def shrinkage_of(problem: SiteData, base: FloatArray, effect: str, rows: FloatArray) -> Shrinkage:
     """Measure how far the calibrated base's gap shrinks by an effect, on held-out rocks.
 
-    ``base``, ``rows``: held-out replicas of each rock, without and with the effect, shape
-    (m, n_rocks, p).
+    ``base``, ``rows``: replicas of each rock without and with the effect, shape (m, n_rocks, p).
     """
     if not problem.rows.shape[1]:
         nan = float("nan")
         note = "Too few rocks have stops or passages at stations to state a distance."
-        return Shrinkage(effect, None, None, nan, nan, nan, {}, note)
+        return Shrinkage(
+            effect=effect, value=None, ci95=None, distance_base=nan, distance_effect=nan,
+            distance_floor=nan, by_quantity={}, note=note,
+        )  # fmt: skip
     before, after = (RockDistances.of(problem.rows, own) for own in (base, rows))
     value, interval, note = None, None, ""
     if effect != NONE and not before.above_chance:
         note = "No share is stated, because the gap of the calibrated base model may be chance."
     elif effect != NONE:
         rng = np.random.default_rng([problem.seed, 51])
-        weights = group_weights(problem.unit, rng, _SAMPLES)
+        weights = group_weights(problem.unit, rng, LADDER_SAMPLES)
         drawn = [own.drawn(weights) for own in (before, after)]
         value, interval = share_of(before, after, after.floor, drawn)
     return Shrinkage(
-        effect,
-        value,
-        interval,
-        before.value(),
-        after.value(),
-        after.floor,
-        _by_quantity(problem, base, rows),
-        note,
-    )
+        effect=effect, value=value, ci95=interval, distance_base=before.value(),
+        distance_effect=after.value(), distance_floor=after.floor,
+        by_quantity=_by_quantity(problem, base, rows), note=note,
+    )  # fmt: skip
 
 
 def _by_quantity(
@@ -219,19 +215,6 @@ def _by_quantity(
     return out
 
 
-#: Campaigns of the base in each of some parts, draws of each cause, and campaigns of a draw.
-BASE, _PARTS, DRAWS, EACH = 10, 4, 20, 2
-#: Number of the first draw of a cause, and of the base.
-_NUMBER = 4100
-#: Share of the scatter of the numbers about their mean that is taken to be their own: the
-#: covariances of many numbers are not known from few campaigns.
-_OWN = 0.5
-#: Directions in which a cause changes what is seen, at most.
-_DIRECTIONS = 4
-#: A draw counts for up to this many times its change: its strength is not that of nature.
-_MOST = 1.5
-
-
 def see_each(summary: SiteSummary, task: HypothesisDraw) -> FloatArray:
     """Return numbers of the single campaigns of a draw, shape (count, p)."""
     model = draw_of(summary.problem.case, task.effect, task.shares).model
@@ -244,11 +227,14 @@ def cause_gains(
     """Return gains of causes beyond a calibrated base; empty where nothing is compared."""
     if base.found is None:
         return {}
-    tasks = [HypothesisDraw(base.effect, base.shares, _NUMBER + k, BASE) for k in range(_PARTS)]
+    tasks = [
+        HypothesisDraw(base.effect, base.shares, CAUSE_NUMBER + k, BASE_CAMPAIGNS)
+        for k in range(BASE_PARTS)
+    ]
     for family in families:
         tasks += _draws(summary, base, family)
     made = list(run(see_each, tasks))
-    campaigns = np.concatenate(made[:_PARTS])
+    campaigns = np.concatenate(made[:BASE_PARTS])
     mean, onto = _directions(summary, base.found, campaigns)
     if not onto.shape[1]:
         return {}
@@ -264,7 +250,7 @@ def cause_gains(
     excess = max(float(observed @ observed) / float(np.mean((chance**2).sum(axis=1))), 1.0)
     found = {}
     for k, family in enumerate(families):
-        rows = slice(_PARTS + k * DRAWS, _PARTS + (k + 1) * DRAWS)
+        rows = slice(BASE_PARTS + k * CAUSE_DRAWS, BASE_PARTS + (k + 1) * CAUSE_DRAWS)
         drawn = np.array([seen(one) for one in made[rows]])
         found[family] = _gain_of(family, observed, chance, drawn, excess, tasks[rows])
     return found
@@ -274,21 +260,18 @@ def _draws(summary: SiteSummary, base: FittedHypothesis, family: str) -> list[Hy
     """Return the base with draws of a cause."""
     effect = "+".join(sorted({*families_of(base.effect), family}))
     tasks, cause = [], CAUSES[family].number
-    for k in range(DRAWS):
+    for k in range(CAUSE_DRAWS):
         rng = np.random.default_rng([summary.problem.seed, 61, cause, k])
         made = draw(summary.problem.case, families_of(effect), ParameterDraws(rng, base.shares))
-        number = _NUMBER + _PARTS + cause * DRAWS + k
-        tasks.append(HypothesisDraw(effect, made.parameter_draws, number, EACH))
+        number = CAUSE_NUMBER + BASE_PARTS + cause * CAUSE_DRAWS + k
+        tasks.append(HypothesisDraw(effect, made.parameter_draws, number, CAUSE_CAMPAIGNS))
     return tasks
 
 
 def _directions(
     summary: SiteSummary, found: LinearFit, base: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Return mean numbers of the base (p,), and units of chance where no ground follows (p, q).
-
-    ``base``: numbers of its campaigns, shape (n, p).
-    """
+    """Return mean numbers of the base (p,), and units of chance where no ground follows (p, q)."""
     scaled = summary.in_errors(base)
     known = np.isfinite(scaled)
     mean = np.where(known, scaled, 0.0).sum(axis=0) / np.maximum(known.sum(axis=0), 1)
@@ -296,7 +279,7 @@ def _directions(
     # Observed numbers scatter as those of the base, or as the observed rocks themselves.
     covariance = off.T @ off / len(off)
     own = np.maximum(np.diag(covariance), 0.5)
-    covariance = (1.0 - _OWN) * covariance + _OWN * np.diag(own)
+    covariance = (1.0 - OWN_SCATTER) * covariance + OWN_SCATTER * np.diag(own)
     covariance[np.diag_indices_from(covariance)] = own
     white = np.linalg.inv(np.linalg.cholesky(covariance))
     slopes = white @ found.slopes
@@ -322,7 +305,8 @@ def _gain_of(
     spread = max(float(most - middle), 1.0)
     sureness = (float(gains[best]) / excess - float(middle)) / spread
     found = [
-        _closed(own, np.delete(change, k, axis=0)).max(axis=1) / excess > middle + SHOWS * spread
+        _closed(own, np.delete(change, k, axis=0)).max(axis=1) / excess
+        > middle + SHOWING_GAIN * spread
         for k, own in enumerate(draws)
     ]
     share = float(gains[best] / max(float(observed @ observed), 1e-9))
@@ -334,8 +318,8 @@ def _cleaned(change: FloatArray) -> FloatArray:
     n, q = change.shape
     _, size, directions = np.linalg.svd(change, full_matrices=False)
     # Largest singular value of n vectors of only chance (Marchenko and Pastur 1967).
-    edge = (np.sqrt(n) + np.sqrt(q)) / np.sqrt(EACH)
-    kept = directions[:_DIRECTIONS][size[:_DIRECTIONS] > edge]
+    edge = (np.sqrt(n) + np.sqrt(q)) / np.sqrt(CAUSE_CAMPAIGNS)
+    kept = directions[:DIRECTIONS][size[:DIRECTIONS] > edge]
     return np.asarray(change @ kept.T @ kept)
 
 
@@ -343,5 +327,5 @@ def _closed(seen: FloatArray, change: FloatArray) -> FloatArray:
     """Compute what draws close of the squared distance of some numbers, shape (n, n_draws)."""
     size = np.maximum((change**2).sum(axis=1), 1e-9)
     along = seen @ change.T
-    times = np.clip(along / size, 0.0, _MOST)
+    times = np.clip(along / size, 0.0, MOST_CHANGE)
     return np.asarray(times * (2.0 * along - times * size))

@@ -24,47 +24,61 @@ from scipy import stats
 from scipy.special import softmax
 
 from sassgis.gap.causes.all_causes import CAUSES, GROUPS
-from sassgis.gap.causes.cause import LEAST, PRINTED, SHOWS, Scores, Unseen
+from sassgis.gap.causes.cause import Scores, Unseen
+from sassgis.gap.constants import (
+    FINGERPRINT_ROCKS,
+    LARGE_GAP,
+    LEAST_POWER,
+    LEVEL,
+    MOST_Z,
+    NAMED_POWER,
+    PRINTED_Z,
+    SHOWING_GAIN,
+    Z_UNIT,
+)
 from sassgis.gap.diagnosis import CauseGain, Fingerprint, GapFinding
 from sassgis.gap.fit.hypothesis_fit import CONTACT_LAW, NONE, UNKNOWN, Draw
 from sassgis.gap.observations.case import Case
 from sassgis.gap.residuals.residual_table import ResidualTable
 from sassgis.gap.residuals.rock_residuals import holm_adjusted, per_rock, t_statistics
 from sassgis.gap.verdict.findings import locate
-from sassgis.gap.words import LEVEL, effect_key
+from sassgis.gap.words import effect_key
 from sassgis.grid import FloatArray, IntArray
 from sassgis.settings.languages import joined, phrase
 
 
 def fingerprints(case: Case, residuals: ResidualTable) -> tuple[Fingerprint, ...]:
-    """Test every fingerprint on the residuals of a case against its calibrated base.
-
-    The most certain first; those that cannot be seen last.
-    """
+    """Test every fingerprint of a case against its base: the surest first, the unseen last."""
     group = case.group
     seen, unseen = list[Fingerprint](), list[Fingerprint]()  # p values are adjusted below
     for cause in CAUSES.values():
         for own in cause.statistics:
             with suppress(Unseen):
                 scores = own.scores(case, residuals)
-                z, p, n = _tested(scores, group)
+                z, p, n = tested_scores(scores, group)
                 if math.isfinite(z):
-                    seen.append(Fingerprint(cause.name, own.name, scores.size, z, p, True, n))
+                    seen.append(Fingerprint(
+                        effect=cause.name, statistic=own.name, value=scores.size, z=z, p_adjusted=p,
+                        observable=True, rocks=n,
+                    ))  # fmt: skip
                     continue
             none = math.nan
-            unseen.append(Fingerprint(cause.name, own.name, none, none, none, False, 0))
+            unseen.append(Fingerprint(
+                effect=cause.name, statistic=own.name, value=none, z=none, p_adjusted=none,
+                observable=False, rocks=0,
+            ))  # fmt: skip
     adjusted = holm_adjusted(np.array([one.p_adjusted for one in seen])).tolist()
     seen = [replace(one, p_adjusted=p) for one, p in zip(seen, adjusted, strict=True)]
     return (*sorted(seen, key=lambda one: (one.p_adjusted, -one.z)), *unseen)
 
 
-def _tested(one: Scores, group: IntArray) -> tuple[float, float, int]:
+def tested_scores(one: Scores, group: IntArray) -> tuple[float, float, int]:
     """Return z of the mean over groups, one-sided p, and groups that have a value."""
     groups = int(group.max()) + 1
     own_null = one.values.size == 1
     values = np.zeros(groups) if own_null else per_rock(one.values, group, groups)
     n = int(np.isfinite(values).sum())
-    if n < LEAST:
+    if n < FINGERPRINT_ROCKS:
         return math.nan, math.nan, n
     if one.chance is not None:
         # So few score that their mean is not normal.
@@ -81,11 +95,6 @@ def _tested(one: Scores, group: IntArray) -> tuple[float, float, int]:
     # The normal deviate of the same chance: a t of five rocks is not one of a hundred.
     z = float(np.clip(stats.norm.isf(p), -12.0, 12.0)) if 0.0 < p < 1.0 else math.copysign(12.0, t)
     return z, p, n
-
-
-#: A gap is large from this share of the scatter of single values on, of rocks or of their steps (J.
-#: Cohen, 1988, Statistical power analysis for the behavioral sciences, p. 26: d = 0.8).
-_LARGE = 0.8
 
 
 @dataclass(frozen=True, slots=True)
@@ -121,18 +130,12 @@ def adequate(findings: Sequence[GapFinding]) -> bool:
 
 def large_gaps(findings: Sequence[GapFinding]) -> list[GapFinding]:
     """Return gaps that are both significant and large."""
-    return [f for f in findings if f.p_adjusted <= LEVEL and _large(f)]
 
+    def scatter(finding: GapFinding) -> float:
+        low, high = finding.ci95
+        return (high - low) / 3.92 * math.sqrt(max(finding.values, finding.rocks, 1))
 
-def _large(finding: GapFinding) -> bool:
-    low, high = finding.ci95
-    scatter = (high - low) / 3.92 * math.sqrt(max(finding.values, finding.rocks, 1))
-    return abs(finding.gap) > _LARGE * scatter
-
-
-#: Least power with which data must show a cause, by what it closes, for it to be named or excluded
-#: (the usual one of J. Cohen, 1988, Statistical power analysis for the behavioral sciences).
-POWER = 0.8
+    return [f for f in findings if f.p_adjusted <= LEVEL and abs(f.gap) > LARGE_GAP * scatter(f)]
 
 
 def strongest(prints: Sequence[Fingerprint]) -> dict[str, Fingerprint]:
@@ -166,39 +169,39 @@ def is_certain(prints: Sequence[Fingerprint], effect: str, thresholds: Threshold
 
 def _would_show(one: Fingerprint) -> bool:
     """Return whether a fingerprint is one that would be seen where its cause is, or is seen."""
-    if one.statistic in _OF_PATHS or (one.statistic in _CLEAR and one.z >= PRINTED):
+    if one.statistic in _OF_PATHS or (one.statistic in _CLEAR and one.z >= PRINTED_Z):
         return True
-    return one.statistic in _OF_MASSES and one.z > -PRINTED
+    return one.statistic in _OF_MASSES and one.z > -PRINTED_Z
 
 
 def speaking(prints: Sequence[Fingerprint], gains: Mapping[str, CauseGain]) -> dict[str, CauseGain]:
-    """Return gains that could speak for their causes.
+    """Return gains that could speak for their causes: some draw of them could close as much.
 
-    What hardly any draw of a cause could close, something else does. Causes at the contact close
-    what another law of the contact than that of the base leaves, too: of these a fingerprint of
-    their own must be significant.
+    Causes at the contact close what another law of the contact than that of the base leaves, too:
+    of these a fingerprint of their own must be significant.
     """
     contact = group_of(CONTACT_LAW)
     own = significant(prints, LEVEL)
-    return {n: g for n, g in gains.items() if g.credible and (group_of(n) != contact or n in own)}
+    able = {n: g for n, g in gains.items() if g.power >= LEAST_POWER}
+    return {n: g for n, g in able.items() if group_of(n) != contact or n in own}
 
 
 def seen_of(
     prints: Sequence[Fingerprint], gains: Mapping[str, CauseGain], tried: Sequence[str]
 ) -> tuple[str, ...]:
-    """Return families that these data could show.
-
-    They show by a separate fingerprint, or by what they close.
+    """Return families that these data could show, by a fingerprint or by what they close.
 
     Paths in time could show theirs wherever they were recorded; so could masses, unless the one
     that a family adds may lie in the gap that another one leaves. Other fingerprints that no
-    contact leaves may be hidden by the scatter of the rocks: they must be seen. What another
-    law of the contact or a film that begins late leaves as well shows nothing by itself. Else a
-    family must have the power to close something, or close it. ``gains``: those that could speak
-    for their causes.
+    contact leaves may be hidden by the scatter of the rocks: they must be seen. What another law of
+    the contact or a film that begins late leaves as well shows nothing by itself. Else a family
+    must have the power to close something, or close it. ``gains``: those that could speak for their
+    causes.
     """
     by_prints = {f.effect for f in prints if f.observable and _would_show(f)}
-    by_gains = {n for n, own in gains.items() if own.power >= POWER or own.sureness >= SHOWS}
+    by_gains = {
+        n for n, own in gains.items() if own.power >= NAMED_POWER or own.sureness >= SHOWING_GAIN
+    }
     return tuple(n for n in tried if n in by_prints or n in by_gains)
 
 
@@ -207,8 +210,7 @@ def second_of(
 ) -> str:
     """Return a second cause: what remains once the first one is in the model; "" if nothing is.
 
-    ``left``: of the base with the first cause; ``shares``: probability of the other families and of
-    "none" beyond that base.
+    ``left``, ``shares``: fingerprints and probabilities beyond the base with the first cause.
     """
     sure = {
         name: one.z
@@ -227,28 +229,13 @@ def decide(
     thresholds: Thresholds,
     law: bool,
 ) -> tuple[str, str, str]:
-    """Answer, its group, and the reason.
+    """Return the answer, its group ("" where not even that is certain), and the reason.
 
-    Parameters
-    ----------
-    shares : mapping
-        Probability of each family that may be named, of "none" and of "unknown". One without a
-        fingerprint that no contact could leave is no more likely than "none".
-    is_adequate : bool
-        Whether the calibrated base leaves no gap that is significant and large.
-    closes : float or None
-        Share of the gap that the most probable family closes, on rocks left out; None where that
-        says nothing of it.
-    law : bool
-        Whether the base needs another law of the contact.
-
-    Returns
-    -------
-    effect : str
-        "none", "unknown", "contact_law" or a family.
-    group : str
-        "" for none, and where not even the group is certain.
-    reason : str
+    ``shares``: probability of each family that may be named, of "none" and of "unknown"; one
+    without a fingerprint that no contact could leave is no more likely than "none".
+    ``is_adequate``: whether the calibrated base leaves no gap that is significant and large.
+    ``closes``: share of the gap that the most probable family closes, on rocks left out; None where
+    that says nothing of it. ``law``: whether the base needs another law of the contact.
     """
     tried = [name for name in shares if name not in (NONE, UNKNOWN)]
     best = strongest(prints)
@@ -313,8 +300,7 @@ def group_probability(group: str, shares: Mapping[str, float]) -> float:
 def confusion_set(effect: str, least: float, shares: Mapping[str, float]) -> tuple[str, ...]:
     """Return answer, what is as probable as ``least``, and what is more probable than the answer.
 
-    Two or more families of one group that are not the answer become the group, which then stands
-    for all of its causes.
+    Two or more families of one group that are not the answer become the group.
     """
     named = effect.split("+")
     least = min([least, *(p for n, p in shares.items() if n in named)])
@@ -336,10 +322,7 @@ def causes_in(confusion: Sequence[str]) -> tuple[str, ...]:
 def place_of(
     effect: str, case: Case, fitted: Sequence[Draw], findings: Sequence[GapFinding]
 ) -> tuple[str, tuple[str, ...]]:
-    """Return the phase of motion and reaches in which an effect acts, by calibrated draws of it.
-
-    Effects without a known place act where the gap lies, by the ``findings``.
-    """
+    """Return the phase and reaches in which an effect acts, by its draws, else by the gap."""
     if effect == NONE:
         return "", ()
     if effect in (UNKNOWN, CONTACT_LAW):
@@ -351,8 +334,7 @@ def place_of(
 def confidence_of(effect: str, shares: Mapping[str, float], right: Mapping[str, float]) -> float:
     """Return the probability of an answer; NaN where none is given.
 
-    Of the contact law that none of the families is the cause, but no more than ``right``: the share
-    of the sites of development at which such an answer was right (``Thresholds.right``).
+    No more than ``right``: the share of the sites of development at which such an answer was right.
     """
     if effect == UNKNOWN:
         return math.nan
@@ -361,9 +343,6 @@ def confidence_of(effect: str, shares: Mapping[str, float], right: Mapping[str, 
     return float(min(own, right.get(effect, 1.0), 0.99))
 
 
-#: Up to what z and the sureness of a gain count, and their unit. Below zero they count nothing:
-#: many statistics are below their null where their cause is weak.
-_MOST, _UNIT = 8.0, 4.0
 #: Evidence for a cause, in the order of the weights.
 FEATURES = ("clear", "usual", "gain", "share")
 
@@ -382,21 +361,15 @@ class CauseWeights:
     farthest: float  # excess of the base that one site of a hundred exceeds (``CauseGain``)
 
     def logits(self, evidence: FloatArray, hidden: int, sound: bool) -> FloatArray:
-        """Log odds against "none" of an effect that is not seen, and of each cause, shape (n + 1,).
+        """Return log odds against "none" of an unseen effect, and of each cause, shape (n + 1,).
 
-        Parameters
-        ----------
-        evidence : float64, shape (n, 4)
-            FEATURES of each cause.
-        hidden : int
-            Families that these data cannot show.
-        sound : bool
-            Whether the base leaves no gap that is significant and large.
+        ``evidence``: FEATURES of each cause, (n, 4); ``hidden``: number of families that these data
+        cannot show; ``sound``: whether the base leaves no gap that is significant and large.
         """
         other = self.unseen + math.log(hidden + 1) + self.unsound * (not sound)
         rows = evidence.reshape(-1, len(FEATURES))
         own = rows @ self.weights - self.offset
-        return np.append(other, np.where(rows[:, 0] < _count(PRINTED), np.minimum(own, 0.0), own))
+        return np.append(other, np.where(rows[:, 0] < _count(PRINTED_Z), np.minimum(own, 0.0), own))
 
     def shares(
         self,
@@ -406,21 +379,9 @@ class CauseWeights:
         hidden: int = 0,
         sound: bool = True,
     ) -> dict[str, float]:
-        """Return the probability of every cause that may be named, of "none" and of "unknown".
+        """Return the probability of causes, "none" and "unknown", most likely first.
 
-        Parameters
-        ----------
-        gains : mapping
-            Those that could speak for their causes.
-        tried : sequence of str
-            Families that may be named.
-        hidden, sound
-            As for ``logits``.
-
-        Returns
-        -------
-        dict
-            Most likely first. "unknown": an effect that these data cannot show, or no known one.
+        ``gains``: those that could speak for their causes; ``tried``: families that may be named.
         """
         evidence = np.array([evidence_of(name, prints, gains) for name in tried])
         p = softmax(np.append(0.0, self.logits(evidence, hidden, sound)))
@@ -431,10 +392,7 @@ class CauseWeights:
 def evidence_of(
     cause: str, prints: Sequence[Fingerprint], gains: Mapping[str, CauseGain]
 ) -> FloatArray:
-    """Return FEATURES of a cause, shape (4,); what cannot be seen counts nothing.
-
-    ``gains``: those that could speak for their causes.
-    """
+    """Return FEATURES of a cause, (4,), by gains that could speak; what is unseen is 0."""
     clear = {own.name for own in CAUSES[cause].statistics if own.clear}
     own = {f.statistic: f.z for f in prints if f.effect == cause and f.observable}
     best = [
@@ -448,17 +406,11 @@ def evidence_of(
 
 
 def _count(z: float) -> float:
-    return float(np.clip(z, 0.0, _MOST)) / _UNIT
+    return float(np.clip(z, 0.0, MOST_Z)) / Z_UNIT
 
 
 def weights_of(content: Mapping[str, float]) -> CauseWeights:
-    """Return weights from the content of their file.
-
-    Raises
-    ------
-    KeyError, TypeError, ValueError
-        If it is none of weights.
-    """
+    """Return weights from their file; KeyError, TypeError or ValueError if it has none."""
     return CauseWeights(
         np.array([float(content[name]) for name in FEATURES]),
         *(float(content[name]) for name in ("offset", "unseen", "unsound", "farthest")),

@@ -129,7 +129,7 @@ def station_layer(case: Case) -> VectorLayer:
     own = case.observations.rock_of("passages")
     chainage = []
     for i in rows:
-        s = case.stations.s[used_lines(case), i]
+        s = case.stations[used_lines(case), i]
         known = s[np.isfinite(s)]
         chainage.append(float(np.median(known)) if known.size else math.nan)
     columns = {

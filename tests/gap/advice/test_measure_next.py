@@ -8,7 +8,13 @@ import numpy as np
 import pytest
 from helpers.simulated_slope import BASE, TABLE, observed
 
-from sassgis.gap.advice.measure_next import Separation, _best, _places, _recorded, separations
+from sassgis.gap.advice.measure_next import (
+    Separation,
+    best_measurement,
+    new_places,
+    recorded_rocks,
+    separations,
+)
 from sassgis.gap.forward.hypothesis_model import HypothesisModel, MeasurementError
 from sassgis.gap.forward.rock_lines import RockLines, rock_lines_of
 from sassgis.gap.observations.case import Case
@@ -52,7 +58,7 @@ def test_stations_lie_on_the_lines_of_the_rocks_where_no_stop_is_known(
 ) -> None:
     # Followed paths have no end.
     there = replace(case, projected={})
-    places = _places(there, replace(lines, end=np.full(case.n_rocks, np.inf)))
+    places = new_places(there, replace(lines, end=np.full(case.n_rocks, np.inf)))
     assert places.size and places.max() < case.traces.s.max()
 
 
@@ -70,11 +76,11 @@ def test_rocks_are_fewer_the_larger_the_difference(case: Case, lines: RockLines)
 
 def test_what_was_recorded_of_enough_rocks_is_not_asked_for_again(case: Case) -> None:
     what = "where rocks stop along the fall line"
-    assert _recorded(case)[what] == 20
+    assert recorded_rocks(case)[what] == 20
     rng = np.random.default_rng(1)
     one, other = ({what: mean + rng.normal(size=(4, 4, 20))} for mean in (0.0, 2.0))
-    assert _best("none", "trees", one, other, {}).what == what
-    assert not _best("none", "trees", one, other, {what: 20}).what
+    assert best_measurement("none", "trees", one, other, {}).what == what
+    assert not best_measurement("none", "trees", one, other, {what: 20}).what
 
 
 def test_what_draws_of_one_model_differ_by_tells_nothing(case: Case, lines: RockLines) -> None:
@@ -90,7 +96,7 @@ def test_what_draws_of_one_model_differ_by_tells_nothing(case: Case, lines: Rock
 def test_stations_are_put_where_there_are_none_yet() -> None:
     seen = observed(20, 3)
     blind = observed(20, 3, tables=("deposits",))
-    places = [_places(own, rock_lines_of(own)) for own in (seen, blind)]
+    places = [new_places(own, rock_lines_of(own)) for own in (seen, blind)]
     # Stations at which nothing was measured are no reason.
     assert places[1].size == 4 and set(places[0]) < set(places[1])
     there = np.nanmedian(seen.station_s, axis=0)

@@ -73,8 +73,8 @@ def test_every_statistic_has_its_gap_side_and_interval(problem: SiteData, shift:
 def test_speeds_of_a_wrong_scale_are_compared_as_they_are(problem: SiteData) -> None:
     rows = model_rows(problem, configured_model(problem.case), 7, 6)
     plain, scaled, both = (
-        {g.key: g for g in model_gaps(problem, rows, 0.0, scales)}
-        for scales in ((1.0, 1.0), (1.2, 1.0), (1.2, 1.2))
+        {g.key: g for g in model_gaps(problem, rows, observed_scale=seen, model_scale=made)}
+        for seen, made in ((1.0, 1.0), (1.2, 1.0), (1.2, 1.2))
     )
     for key, own in plain.items():
         power = {"energy_kj": 2.0, "speed_mps": 1.0}.get(own.quantity, 0.0)

@@ -293,15 +293,19 @@ def test_what_was_not_measured_of_a_rock_that_passed_is_not_a_rock_that_stopped(
 
 def test_a_station_beside_the_line_of_a_rock_has_no_place_on_it() -> None:
     case = observed(12, 11)
-    s = case.stations.s.copy()
+    s = case.stations.copy()
     s[0, :2] = np.nan
-    case = replace(case, stations=replace(case.stations, s=s))
+    case = replace(case, stations=s)
+    assert case.station_names == ("S1", "S2", "S3", "S4")
+    # Stations are in the order of the median chainage, those that no line crosses left out.
+    other = replace(case, stations=np.where(np.arange(4) == 1, np.nan, s[:, ::-1]))
+    assert other.station_order.tolist() == [3, 2, 0]
     rows = observed_campaign(case).passages
     assert rows is not None
     beside = np.isin(rows.rock, np.flatnonzero(case.line == 0))
     assert (rows.station[beside] >= 2).all() and beside.any()
     # What lies below such stations lies on the reaches below them.
-    below = case.stations.s[0, 2] + np.array([-1.0, 1.0])
+    below = case.stations[0, 2] + np.array([-1.0, 1.0])
     assert case.reach_of(np.zeros(2, np.int64), below).tolist() == [0, 3]
 
 

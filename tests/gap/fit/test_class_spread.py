@@ -36,14 +36,6 @@ def test_one_site_leaves_the_spread_as_it_was() -> None:
     assert found.predictive_sd == pytest.approx(np.sqrt(0.04**2 + 2.0 * 0.1**2), rel=1e-6)
 
 
-def test_sites_that_are_all_alike_have_the_weighted_mean() -> None:
-    found = between_sites(VALUES, ERRORS, 1e-4)
-    weight = ERRORS**-2.0
-    assert found.mean == pytest.approx((weight * VALUES).sum() / weight.sum(), rel=1e-3)
-    assert found.mean_error == pytest.approx(weight.sum() ** -0.5, rel=1e-3)
-    assert found.predictive_sd == pytest.approx(weight.sum() ** -0.5, rel=1e-3)
-
-
 def test_the_quadrature_is_the_integral_over_mean_and_spread() -> None:
     mu = np.linspace(-1.0, 2.0, 6001)[:, None]
     tau = np.linspace(0.0, 0.8, 1601)

@@ -24,7 +24,7 @@ from sassgis.gap.fit.identifiability import (
     trade_offs,
 )
 from sassgis.gap.fit.linear_fit import FitBudget, ObservedNumbers, Seen, Trial, fit_linearly, joined
-from sassgis.gap.fit.parameters import RANGES, ClassParameter, Prior
+from sassgis.gap.fit.parameters import RANGES, ClassParameter
 from sassgis.grid import FloatArray
 
 BUDGET = FitBudget(3, 16, 2, 4, 6.0, 64)
@@ -59,7 +59,7 @@ def told_of(sites: Sequence[FloatArray], rng: np.random.Generator) -> tuple[Told
             scatter = 0.3 / np.sqrt(one.count) * rng.standard_normal(len(slopes))
             shown = slopes @ one.at + scatter
             off = (shown - whole.observed) / whole.error
-            made.append((shown, float(np.mean(off**2)) / whole.units))
+            made.append(Seen(shown, float(np.mean(off**2)) / whole.units))
         return made
 
     fit = fit_linearly(whole, np.zeros(2), run, BUDGET)
@@ -154,7 +154,7 @@ def test_samples_are_shares_with_the_prior_of_the_parameters() -> None:
     ]
     pull = np.array([8.0, 0.0])
     told = Told(np.zeros(2), np.diag(pull), pull, pull[None], np.diag(pull))
-    found = posterior_of(Prior.of(parameters), told, 1)
+    found = posterior_of(parameters, told, 1)
     one, other = fitted_parameters(parameters, found)
     # Of the first the rocks know more than the prior: a third of its width, and a value above it.
     assert one.identified and one.narrowed == pytest.approx(1.0 / 3.0, abs=0.03)

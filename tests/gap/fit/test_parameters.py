@@ -7,11 +7,13 @@ import pytest
 from helpers.simulated_slope import TABLE
 
 from sassgis.errors import InputError
+from sassgis.gap.causes.cause import Range
 from sassgis.gap.fit.parameters import (
     RANGES,
-    Prior,
+    ClassParameter,
     fitted_names,
     parameters_of,
+    prior_shares,
     table_with,
 )
 from sassgis.settings.ground_ranges import EVERY_CLASS, RangeRule
@@ -61,15 +63,19 @@ def test_the_prior_is_as_wide_as_values_vary_between_sites() -> None:
     assert threshold.sd * np.log(2.0 / 0.02) == pytest.approx(np.log(4.0) / 3.29)
     # Of the third no spread is known.
     assert eta.sd == 0.5
-    prior = Prior.of([friction, threshold])
-    middle = prior.shares(1.645 * np.array([[-1.0, -1.0], [1.0, 1.0]]))
+    ends = 1.645 * np.array([[-1.0, -1.0], [1.0, 1.0]])
+    middle = prior_shares([friction, threshold], ends)
     assert friction.value(middle[:, 0]) == pytest.approx(0.45 + np.array([-0.16, 0.16]), abs=1e-3)
     assert threshold.value(middle[:, 1]) == pytest.approx([0.05, 0.2], rel=0.01)
 
 
 def test_the_prior_stays_within_the_range() -> None:
     """Standard normal parameters are shares about the configured value, or the limit."""
-    prior = Prior(np.array([0.0, 0.9]), np.array([0.5, 0.1]))
+    limits = Range(0.0, 1.0)
+    parameters = [
+        ClassParameter("debris", "eta_max", limits, configured, sd)
+        for configured, sd in ((0.0, 0.5), (0.9, 0.1))
+    ]
     at = np.array([[-3.0, -1.0], [0.0, 0.0], [1.0, 0.5], [40.0, 2.0]])
     expected = [[0.0, 0.8], [0.0, 0.9], [0.5, 0.95], [1.0, 1.0]]
-    np.testing.assert_allclose(prior.shares(at), expected)
+    np.testing.assert_allclose(prior_shares(parameters, at), expected)

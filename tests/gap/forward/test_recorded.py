@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from sassgis.gap.fit.site_data import SiteData
 from sassgis.gap.forward.observation_operator import campaigns
-from sassgis.gap.forward.rock_lines import Observer, observer_of, recorded_contacts, rock_lines_of
+from sassgis.gap.forward.rock_lines import observer_of, recorded_contacts, rock_lines_of
 from sassgis.gap.observations.campaign import Campaign, Errors
 
 
@@ -32,7 +32,7 @@ def test_contacts_are_hard_enough_and_apart(
 ) -> None:
     rows = sorted(rows, key=lambda r: r[:2])
     rock, time, into = (np.array([r[k] for r in rows]) for k in range(3))
-    observer = Observer(Errors(), least, interval)
+    observer = Errors(contact_min_normal_speed_mps=least, contact_min_interval_s=interval)
     first, last = recorded_contacts(observer, rock.astype(np.int64), time, into)
     assert (into[first] >= least).all() and (into[first] > 0.0).all() and (first <= last).all()
     hard = np.flatnonzero((into >= least) & (into > 0.0))
@@ -93,10 +93,10 @@ def test_nothing_observed_is_recorded_whole() -> None:
 
 def test_stops_have_an_error_of_their_own(problem: SiteData) -> None:
     stated = with_metadata(problem.case, position_error_m=0.1, stop_error_m=4.0, mass_error_rel=0.3)
-    errors = observer_of(stated).errors
+    errors = observer_of(stated)
     assert (errors.position_m, errors.stop_m, errors.mass_rel) == (0.1, 4.0, 0.3)
-    assert observer_of(with_metadata(stated, stop_error_m=np.nan)).errors.stop_m == 0.1
-    made = seen_by(problem, count=20, errors=errors)
+    assert observer_of(with_metadata(stated, stop_error_m=np.nan)).stop_m == 0.1
+    made = seen_by(problem, count=20, position_m=0.1, stop_m=4.0)
     beside = [
         np.concatenate([getattr(s, t).lateral_m for s in made]) for t in ("deposits", "passages")
     ]

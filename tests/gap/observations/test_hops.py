@@ -360,13 +360,8 @@ def test_contacts_of_simulated_rocks_give_their_passages_back(recorded) -> None:
     )
 
 
-def test_numbers_of_simulated_rocks_are_those_of_their_table(recorded) -> None:
-    case, sample = recorded
-    seen = replace(case.observations, contacts=written(case, sample.contacts))
-    for name, values in contact_numbers(contacts_of(seen), case.radius_m).items():
-        own = contact_numbers(sample.contacts, case.radius_m)[name]
-        np.testing.assert_array_equal(values, own)
-    # A flight of the engine is a parabola: from the height of a hop follows its time.
+def test_hops_of_simulated_rocks_take_time_and_lie_on_the_slope(recorded) -> None:
+    _, sample = recorded
     hops = hops_of(sample.contacts)
     assert (hops.time_s > 0.0).all() and (hops.rock == np.sort(hops.rock)).all()
     x, y = sample.contacts.x, sample.contacts.y

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import csv
 import sqlite3
-from pathlib import Path
 
 import geopandas as gpd
 import numpy as np
@@ -36,7 +35,6 @@ from sassgis.gap.observations.tables import (
 )
 from sassgis.grid import Grid
 from sassgis.inputs.observation_files import read_observations, validate_observations
-from sassgis.inputs.observation_values import RawTable, table_of
 from sassgis.outputs.geopackage import FIXED_TIME
 from sassgis.outputs.observation_template import observations_template
 from sassgis.settings.blocks import BlockPopulation
@@ -174,13 +172,6 @@ def test_names_that_are_numbers_and_decimal_commas(tmp_path):
     )
     frame.to_file(tmp_path / "n.gpkg", layer="deposits", engine="pyogrio")
     assert read_observations(tmp_path / "n.gpkg").deposits.rock_id.tolist() == ["7", "7.2", ""]
-
-
-def test_what_pandas_has_for_nothing_is_no_name():
-    ids = np.array(["7", pd.NA, None], dtype=object)
-    columns = {"rock_id": ids, "x": np.arange(3.0), "y": np.arange(3.0)}
-    raw = RawTable("deposits", Path("d.gpkg"), np.arange(3), columns, [])
-    assert table_of(raw, None).rock_id.tolist() == ["7", "", ""]
 
 
 NO_LOOSE_BLOCK = {"deposits": lambda rows: rows[:-1]}

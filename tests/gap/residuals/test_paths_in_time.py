@@ -28,7 +28,7 @@ def axes_of(case: Case) -> np.ndarray:
     return np.repeat(case.semi_axes_m[:, None, :], 2, axis=1)
 
 
-def path(case: Case, kept: float, push: float = 0.0, height: float = 3.0) -> flights._Path:
+def path(case: Case, kept: float, push: float = 0.0, height: float = 3.0) -> flights.TimedPath:
     """A rock that keeps a share of its level speed after 0.8 s, where the ground pushes it (m/s).
 
     The ground takes along it as much as it pushes away from it.
@@ -42,14 +42,14 @@ def path(case: Case, kept: float, push: float = 0.0, height: float = 3.0) -> fli
     z = 500.0 - 2.0 * t - 0.5 * G * t**2 + push * (c + sine) * late
     noise = 0.05 * np.random.default_rng(3).standard_normal((3, t.size))
     x, y, z = ahead + noise[0], noise[1], z + noise[2]
-    return flights._Path(
+    return flights.TimedPath(
         0, t, x, y, z, s, np.full(t.size, height), np.full(t.size, 14.0), np.zeros(t.size)
     )
 
 
-def surest(case: Case, one: flights._Path) -> tuple[float, float]:
+def surest(case: Case, one: flights.TimedPath) -> tuple[float, float]:
     """Share of the speed that is lost beyond what the ground can take, and that in deviations."""
-    found = flights._struck(case, one)
+    found = flights.surest_loss(case, one)
     assert found is not None
     s, before, after, sd = found
     assert one.s[0] < s < one.s[-1]
@@ -66,7 +66,7 @@ def test_free_paths_contacts_and_what_is_near_the_ground_are_no_stems(case: Case
     # Friction of one on the ground takes as much as the ground pushes.
     for push in (1.0, 3.0, 6.0):
         assert surest(case, path(case, 1.0, push))[1] < 4.0
-    assert flights._struck(case, path(case, 0.4, height=0.3)) is None
+    assert flights.surest_loss(case, path(case, 0.4, height=0.3)) is None
 
 
 def test_rocks_without_trees_lose_nothing_above_the_ground(case: Case) -> None:
@@ -97,8 +97,8 @@ def test_air_bends_flights_against_the_level_velocity(case: Case) -> None:
     rock, free, _, sd, _ = air_of_flights(case, axes)
     x, y = track.x.copy(), track.y.copy()
     rows_of = case.observations.paths_of_rocks(case.projected["trajectories"].height_m)
-    for one, bounds, noted in flights._bounded(case, flights._rolling_radius(axes)):
-        for own in flights._flights(case, one, bounds, noted):
+    for one, bounds, noted in flights.bounded_paths(case, flights.rolling_radius(axes)):
+        for own in flights.flights_of(case, one, bounds, noted):
             rows = rows_of[one.rock][own]
             t = one.t[own]
             way = np.array([x[rows][-1] - x[rows][0], y[rows][-1] - y[rows][0]])
@@ -120,7 +120,7 @@ def test_a_path_that_met_the_ground_between_two_noted_contacts_is_no_flight() ->
 
     def touched(z: np.ndarray) -> float:
         noise = error * rng.standard_normal((200, t.size))
-        return float(np.mean([flights._touched(t, z + own, error, G) for own in noise]))
+        return float(np.mean([flights.touched_ground(t, z + own, error, G) for own in noise]))
 
     assert touched(parabola) < 0.01
     # A stem takes upward speed, and air bends a path without a kink.
@@ -131,5 +131,5 @@ def test_a_path_that_met_the_ground_between_two_noted_contacts_is_no_flight() ->
     assert touched(500.0 - 6.0 * t) > 0.99
     # Stated errors of half the true ones make few flights seem touched.
     noise = error * rng.standard_normal((200, t.size))
-    half = [flights._touched(t, parabola + own, 0.5 * error, G) for own in noise]
+    half = [flights.touched_ground(t, parabola + own, 0.5 * error, G) for own in noise]
     assert np.mean(half) < 0.05

@@ -18,7 +18,7 @@ from sassgis.engine.simulate import physics_of
 from sassgis.gap.residuals.impact_residuals import impact_draws, orientation_at_contact
 from sassgis.gap.residuals.residual_table import reach_edges
 from sassgis.gap.residuals.rock_residuals import Residual, beyond, mean_of_draws, only_above, spread
-from sassgis.gap.residuals.stop_residuals import RunModel, free_run, observed_at_stations
+from sassgis.gap.residuals.stop_residuals import free_run, observed_at_stations
 from sassgis.settings.effects import EffectSettings
 from sassgis.settings.ground import GroundClass, GroundTable
 from sassgis.settings.settings import EngineSettings
@@ -165,7 +165,7 @@ def test_rocks_that_stop_or_pass_are_told_apart():
 
 def test_runs_from_the_release_are_those_of_the_engine():
     case = observed(8, 2, tables=("deposits",))
-    run = free_run(case, RunModel.of(case, BASE, 4), 6)
+    run = free_run(case, BASE, 4, 6)
     assert run.ends.runout_m.shape == (8, 6) and run.axes_m.shape == (8, 6, 3)
     assert (run.ends.stops == 1.0).all() and (run.ends.largest == 1.0).all()
     arrived = run.at.arrived == 1.0

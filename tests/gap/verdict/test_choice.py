@@ -8,6 +8,7 @@ from typing import Any, cast
 
 import numpy as np
 import pytest
+from helpers.model_files import model_from_json
 from helpers.simulated_slope import with_observed
 
 from sassgis.engine.effects.lateral_deflection import LateralDeflection
@@ -17,7 +18,7 @@ from sassgis.gap.causes.cause import ParameterDraws, reaches_between
 from sassgis.gap.diagnosis import CauseGain, Fingerprint, GapFinding
 from sassgis.gap.fit.hypothesis_fit import CONTACT_LAW, NONE, draw, families_to_try
 from sassgis.gap.fit.site_data import SiteData, scale_of
-from sassgis.gap.forward.hypothesis_model import model_as_json, model_from_json
+from sassgis.gap.forward.hypothesis_model import model_as_json
 from sassgis.gap.forward.observation_operator import rock_quantities
 from sassgis.gap.observations.campaign import observed_campaign
 from sassgis.gap.observations.case import Case, LearnedContacts

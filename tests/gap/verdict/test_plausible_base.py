@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import pytest
-from helpers.simulated_slope import BASE, table_with
 
-from sassgis.gap.fit.hypothesis_fit import HypothesisFits
+from sassgis.gap.constants import REPLICATES
+from sassgis.gap.fit.hypothesis_fit import CONTACT_LAW, HypothesisDraw, HypothesisFits
 from sassgis.gap.fit.linear_fit import summary_of
 from sassgis.gap.fit.site_data import SiteData
 from sassgis.gap.verdict.evidence import first_adequate
@@ -17,12 +15,16 @@ from sassgis.simulation.workers import task_map
 
 @pytest.mark.parametrize("jobs", [1, 2])
 def test_one_right_model_is_enough(problem: SiteData, jobs: int) -> None:
-    wrong = [replace(BASE, table=table_with("debris", eta_max=eta)) for eta in (0.4, 0.85)]
+    # The middle of all ranges is the configured ground, with which the rocks were released.
+    right, *wrong = (
+        HypothesisDraw(CONTACT_LAW, {"law.eta_max": share}, 0, REPLICATES)
+        for share in (0.5, 0.25, 0.75)
+    )
     with task_map(summary_of(problem), jobs) as run:
         made = HypothesisFits(summary_of(problem), run, 8)
         assert first_adequate(made, wrong) is None
-        left = first_adequate(made, [*wrong, BASE, BASE])
+        left = first_adequate(made, [*wrong, right, right])
         assert left is not None and adequate(left)
         # What is told is where the gap lies with that model.
-        assert left == first_adequate(made, [BASE])
+        assert left == first_adequate(made, [right])
         assert {f.place for f in left} and not large_gaps(left)

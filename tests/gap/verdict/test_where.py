@@ -10,10 +10,11 @@ from helpers.simulated_slope import STATIONS, TABLE, observed, table_with
 from sassgis.engine.effects.air_drag import AirDrag
 from sassgis.engine.effects.soft_ground import SoftGround
 from sassgis.engine.effects.trees import Trees
+from sassgis.gap.constants import FINDING_ROCKS
 from sassgis.gap.diagnosis import GapFinding
 from sassgis.gap.forward.hypothesis_model import HypothesisModel
 from sassgis.gap.residuals.residual_table import residuals_of
-from sassgis.gap.verdict.findings import LEAST_ROCKS, locate, where
+from sassgis.gap.verdict.findings import locate, where
 from sassgis.gap.verdict.verdict import adequate
 from sassgis.settings.effects import EffectSettings
 
@@ -122,7 +123,7 @@ def test_impacts_are_compared_with_the_effect_that_is_in_the_model():
 
 
 def test_few_rocks_and_nothing():
-    assert found(observed(LEAST_ROCKS - 1, 18)) == ()
+    assert found(observed(FINDING_ROCKS - 1, 18)) == ()
     f = found(observed(8, 19, tables=()))
     assert f == () and locate(f) == ("", ())
 
