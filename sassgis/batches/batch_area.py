@@ -113,8 +113,9 @@ def read_setting(
         rules = read_rules(replace(config, hazard=hazard), empty)
         yearly_frequencies(config, (), names)
     setting = Setting(
-        config, terrain, table, control_lines, replace(rules, notices=()), names,
-        shared_digest(config), sums_only,
+        config=config, terrain=terrain, table=table, control_lines=control_lines,
+        rules=replace(rules, notices=()), names=names, digest=shared_digest(config),
+        sums_only=sums_only,
     )  # fmt: skip
     return setting, tuple(dict.fromkeys((*config.notes, *notices, *rules.notices)))
 

@@ -147,8 +147,9 @@ def _profile_of(title: str, run: MapRun, prepared: PreparedLines) -> ProfileInpu
             name = line.name if i == 0 else f"{line.name} ({i + 1})"
             control_lines.append((replace(line, name=name), float(chainage)))
     return ProfileInput(
-        title, s, z, prepared.flat.ground, run.table, tuple(control_lines), (0.0, 0.0),
-        _forest_along(run, prepared.lines, s),
+        name=title, s=s, z=z, ground=prepared.flat.ground, table=run.table,
+        control_lines=tuple(control_lines), start=(0.0, 0.0),
+        forest=_forest_along(run, prepared.lines, s),
     )  # fmt: skip
 
 

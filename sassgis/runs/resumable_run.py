@@ -167,8 +167,9 @@ def simulate_job(
         run = replace(run, rounds=progress.rounds)
         tell("Simulating")
         simulate_saved(
-            run, planned, progress, checkpoint, jobs, place.on_progress, _keeps_rows(config)
-        )
+            run, planned, progress, checkpoint, jobs,
+            on_progress=place.on_progress, rows=_keeps_rows(config),
+        )  # fmt: skip
         more = None if next_round is None else next_round(run, planned, progress)
         if more is not None:
             progress.rounds = (*progress.rounds, more)
@@ -193,7 +194,10 @@ def simulate_job(
         *release_warnings(run, planned.points),
         *simulation_warnings(run, progress),
     )
-    return Simulation(config, run, planned, progress, checkpoint, warnings, seconds, tolerance)
+    return Simulation(
+        config=config, run=run, planned=planned, progress=progress, checkpoint=checkpoint,
+        warnings=warnings, seconds=seconds, tolerance=tolerance,
+    )  # fmt: skip
 
 
 def _changed(job: Job) -> list[str]:
@@ -235,6 +239,7 @@ def simulate_saved(
     progress: Progress,
     checkpoint: Checkpoint,
     jobs: int | Workers,
+    *,
     on_progress: OnProgress | None = None,
     rows: bool = False,
 ) -> None:

@@ -119,8 +119,9 @@ def estimate_of(run: MapRun, jobs: int, points: int | None = None, more: int = 1
         need["hazard.ref_width_m"] = windows
     bands = 1 + sum(len(row.bands) for row in STATISTICS)
     return RunEstimate(
-        blocks, n, cells, need, reached_bytes(bins_of(run)), jobs,
-        blocks / (RATES[run.followed] * jobs), bands * cells * _IN_MAP, more,
+        blocks=blocks, points=n, cells=cells, need=need, per_reached=reached_bytes(bins_of(run)),
+        cores=jobs, seconds=blocks / (RATES[run.followed] * jobs),
+        map_bytes=bands * cells * _IN_MAP, more=more,
     )  # fmt: skip
 
 

@@ -173,10 +173,11 @@ def _work(common: _Common, chunk: Chunk) -> ChunkResult:
     if not chunk.repetitions[0]:
         lines = traced(run, planned, chunk.points) if traces is None else traces
         drawn.append(drawn_lines(lines, run.grid, chunk.points))
-    sums = {k: result for k, result, *_ in found}
     return ChunkResult(
-        area, own.points, chunk.weight, sums, joined_rows(parts), joined_lines(drawn), lost
-    )
+        area=area, points=own.points, weight=chunk.weight,
+        sums={k: result for k, result, *_ in found}, rows=joined_rows(parts),
+        lines=joined_lines(drawn), lost=lost,
+    )  # fmt: skip
 
 
 def _followed(common: _Common, chunk: Chunk) -> tuple[NDArray[np.bool_], None, list[_OfScenario]]:
