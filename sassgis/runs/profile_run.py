@@ -204,14 +204,11 @@ def simulate_profile(
         scenario=np.repeat(numbers, [p.rocks.size for p in parts]),
         pieces=np.concatenate([p.pieces for p in parts]),
         piece_scenario=np.repeat(numbers, [p.pieces.size for p in parts]),
-        passage_scenario=np.repeat(numbers, [p.passages.size for p in parts]),
         passages=np.concatenate([p.passages for p in parts]),
-        control_lines=sums,
-        paths=tuple(paths),
-        drawn=drawn,
-        stretches=flat.cell_s[1:],
+        passage_scenario=np.repeat(numbers, [p.passages.size for p in parts]),
+        control_lines=sums, paths=tuple(paths), drawn=drawn, stretches=flat.cell_s[1:],
         along=along,
-    )
+    )  # fmt: skip
 
 
 def run_profile(
