@@ -25,7 +25,7 @@ def whole(job, planned) -> Progress:
     return simulate_map(job, planned)
 
 
-@pytest.mark.parametrize(("jobs", "chunk_points"), [(2, 32), (1, 1), (2, 5), (1, 1000)])
+@pytest.mark.parametrize(("jobs", "chunk_points"), [(2, 5), (1, 1), (1, 1000)])
 def test_sums_are_the_same_bits_for_any_jobs_and_chunks(
     job, planned, whole, jobs: int, chunk_points: int
 ) -> None:
