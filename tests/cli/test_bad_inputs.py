@@ -127,26 +127,12 @@ BAD = {
     "nested tables": (
         written("[project]\nname = " + "{a = " * 9000 + "1" + "}" * 9000), "config.toml", ["nested"]
     ),
-    "nested keys": (
-        written("[project]\n" + "a." * 500_000 + "b = 1"), "config.toml", ["nested too deeply"]
-    ),
-    "lists of lists": (
-        written("[project]\nname = " + "[" * 30 + "]" * 30), "config.toml", ["project.name", "deep"]
-    ),
     "a number of many digits": (
         config(release__spacing_m="9" * 100_000), "config.toml", ["thousands of digits"]
-    ),
-    "a number of many bits": (
-        config(release__spacing_m="0x" + "f" * 100_000),
-        "config.toml", ["release.spacing_m", "400000 bits", "63 bits"],
     ),
     "a huge exponent": (config(release__spacing_m="1e999999"), "config.toml", ["spacing_m", "inf"]),
     "no such day": (config(project__date='"2026-02-30"'), "config.toml", ["project.date"]),
     "many stations": (written(STATIONS), "config.toml", ["used twice", "'0'"]),
-    "a title of 5,000 characters": (
-        config(project__name=f'"{"n" * 5000}"'),
-        "config.toml", ["project.name", "5000 characters", "1000"],
-    ),
     "NUL in a title": (
         config(project__name='"a\\u0000b"'), "config.toml", ["project.name", r"\\x00"]
     ),
@@ -161,9 +147,6 @@ BAD = {
     ),
     "NUL in a class": (
         classes(OWN.format(0.5).replace("own", "a\0b")), "classes.csv", ["row 2", r"\\x00"]
-    ),
-    "classes nested": (
-        written("classes = " + "[" * 20_000, "own.toml", "ground__classes"), "own.toml", ["nested"]
     ),
 }  # fmt: skip
 
