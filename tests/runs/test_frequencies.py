@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import shapely
-from helpers.zone_slope import box, gully, place, two_areas, zoned
+from helpers.zone_slope import box, gully, place, two_areas
 from scipy import stats
 
 from sassgis.errors import InputError
@@ -110,16 +110,6 @@ def test_a_table_speaks_of_single_areas(tmp_path: Path) -> None:
         ("south", "frequent"): pytest.approx(12.5 * SOUTH_M2 / 1e4, rel=1e-12),
         ("south", "rare"): 0.03,
     }
-    # The rates follow in proportion, and a source of frequency 0 adds nothing.
-    plain = two_areas(tmp_path)
-    rates = zoned(plain.config, tmp_path / "plain", areas=["south"])
-    case = two_areas(tmp_path, hazard={"frequencies": "frequencies.csv"})
-    case.write_text(
-        "frequencies.csv", "area,scenario,frequency,unit", "south,frequent,0.8,per_year",
-        "south,rare,0.06,per_year",
-    )  # fmt: skip
-    twice = zoned(case.config, tmp_path / "twice", areas=["south"])
-    assert np.array_equal(twice.rate(30.0), 2.0 * rates.rate(30.0))
 
 
 # ---------------------------------------------------------------------------------------------
