@@ -85,7 +85,7 @@ def batch(
     on_progress: OnProgress | None = None,
     say: Callable[[str], None] | None = None,
 ) -> BatchResult:
-    """Return zone many release areas one by one, and put them together on one map.
+    """Zone many release areas one by one, and put them together on one map.
 
     Results that are complete and were made from the same settings and inputs are kept.
 

@@ -263,11 +263,7 @@ def _add_blocks(total: Progress, own: Progress, first_point: int) -> None:
 
 
 def _columns(own: NDArray[Any], wanted: NDArray[Any]) -> tuple[IntArray, IntArray]:
-    """Return columns of the wanted energies of which an area has counts, and of those of the area.
-
-    The energies of a larger relief begin with those of a smaller one and go on beyond what any
-    block can have there: what is missing counts nothing.
-    """
+    """Return columns of the wanted energies that an area has counts of, and those of the area."""
     columns = np.flatnonzero(wanted <= own.max(initial=-1.0))
     counted = np.searchsorted(own, wanted[columns])
     if not np.array_equal(own[counted], wanted[columns]):

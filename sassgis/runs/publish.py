@@ -224,11 +224,7 @@ def _write_report(
     warnings: Sequence[str],
     facts: Mapping[str, object],
 ) -> ReportContext:
-    """Write ``report.html`` with its figures, ``map.html``, and sheets of protection if any.
-
-    ``layers`` are the maps of the blocks. Returns what the report says, in the language of the
-    settings.
-    """
+    """Write report, map page and sheets of protection if any; returns what the report says."""
     config, run, planned, progress = done.config, done.run, done.planned, done.progress
     furthest = progress.furthest
     shown = None if furthest is None else paths_on_line(run, planned, *furthest[1:])

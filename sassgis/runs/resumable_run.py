@@ -211,10 +211,8 @@ def _changed(job: Job) -> list[str]:
 
 
 def state_fingerprint(config: Config, job: MapRun, schedule: str = "") -> str:
-    """Fingerprint all that a saved state depends on: the run as read, and what tables keep.
-
-    The digests of its files would not do: they may be edited while it is read.
-    """
+    """Fingerprint all that a saved state depends on: the run as read, and what tables keep."""
+    # Digests of its files would not do: they may be edited while they are read.
     return value_digest((job, _keeps_rows(config), schedule, SUM_NAMES, QUANTITIES))
 
 

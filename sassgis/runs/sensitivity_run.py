@@ -140,10 +140,7 @@ def sensitivity(
 def _simulated(
     lab: VariantLab, rules: Sequence[RangeRule], samples: int, tell: Callable[[str], None]
 ) -> tuple[tuple[ParameterRange, ...], list[Variant], list[VariantFinding]]:
-    """Find the classes that blocks may meet, and simulate variants of their ranges.
-
-    These are: the base, another seed and the farthest, two ends of each range, the filling.
-    """
+    """Simulate base, another seed, farthest, two ends of each range met, and the filling."""
     tell("Simulating the classes as they are, and at their farthest")
     seed = lab.run.seed
     variants = [Variant(BASE), Variant(CHANCE, seed=seed + 1), study.farthest(lab.ranges(rules))]

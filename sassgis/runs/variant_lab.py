@@ -151,10 +151,7 @@ def drawn_ground(
     rules: Rules | None,
     placed: PlacedObjects,
 ) -> DrawnGround | None:
-    """Simulate the blocks of a run on the draws that the configuration asks for; None for none.
-
-    ``known`` are those of spread_rules, from before the run itself; ``rules`` those of a zoning.
-    """
+    """Simulate the draws that a configuration asks for, given spread_rules; None for none."""
     draws = done.config.run.ground_uncertainty
     if not draws:
         return None
