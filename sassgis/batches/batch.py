@@ -85,7 +85,7 @@ def batch(
     on_progress: OnProgress | None = None,
     say: Callable[[str], None] | None = None,
 ) -> BatchResult:
-    """Return zone many release areas one by one, and put them together on one map.
+    """Zone many release areas one by one, and put them together on one map.
 
     Results that are complete and were made from the same settings and inputs are kept.
 
@@ -133,7 +133,8 @@ def batch(
         check_output(folder / own, overwrite=True)
     summary = _summary(folder, loaded, candidates, setting.rules, kept)
     records = dict(kept)
-    running = outcomes(setting, waiting, folder, jobs, on_progress, tell, memory_bytes)
+    place = Workplace(folder, jobs, on_progress, tell)
+    running = outcomes(setting, waiting, place, memory_bytes)
     try:
         with closing(running):
             for candidate, (record, reason, seconds, _) in zip(waiting, running, strict=True):
@@ -157,7 +158,7 @@ def batch(
     stale = _stale(folder, records)
     found, warnings = write_mosaic(
         setting, [c for c in candidates if c.stem in records], records, folder,
-        (*notices, *skipped), tell, memory_bytes, jobs,
+        notices=(*notices, *skipped), tell=tell, memory_bytes=memory_bytes, jobs=jobs,
     )  # fmt: skip
     return BatchResult(folder, summary.frame(), found, (*warnings, *stale))
 
@@ -351,10 +352,7 @@ def _named(release: ReleaseSettings, by_file: bool) -> list[tuple[str, ReleaseSe
 def outcomes(
     setting: Setting,
     candidates: Sequence[Candidate],
-    folder: Path,
-    jobs: Jobs,
-    on_progress: OnProgress | None,
-    tell: Callable[[str], None],
+    place: Workplace,
     memory_bytes: int | None = None,
 ) -> Generator[AreaOutcome, None, None]:
     """Run areas into the folder of the batch; outcomes come in the order of the areas.
@@ -362,24 +360,23 @@ def outcomes(
     A few areas share all cores one after the other. Of many, as many are at work as there are
     cores, and progress is that of the batch: areas done, areas in all, blocks.
     """
-    asked = workers_asked(setting.config, jobs)
     n = len(candidates)
-    at_once = _at_once(setting, jobs, memory_bytes, n)
+    at_once = _at_once(setting, place.jobs, memory_bytes, n)
     if at_once < 2:
         for i, candidate in enumerate(candidates, start=1):
-            tell(f"Area {i} of {n}: {candidate.name}")
-            yield _outcome((setting, folder), candidate, asked, on_progress, tell)
+            place.tell(f"Area {i} of {n}: {candidate.name}")
+            yield _outcome(setting, candidate, place)
         return
-    tell(f"Running {n} areas, {at_once} at a time")
+    place.tell(f"Running {n} areas, {at_once} at a time")
     rocks = 0
-    with task_map((setting, folder), at_once) as each:
+    with task_map((setting, place.folder), at_once) as each:
         for i, outcome in enumerate(each(one_at_work, candidates), start=1):
             record, _, _, told = outcome
             for text in told:
-                tell(text)
+                place.tell(text)
             rocks += 0 if record is None else record.rocks
-            if on_progress is not None:
-                on_progress(i, n, rocks)
+            if place.on_progress is not None:
+                place.on_progress(i, n, rocks)
             yield outcome
 
 
@@ -394,24 +391,21 @@ def _at_once(setting: Setting, jobs: Jobs, memory_bytes: int | None, n: int) -> 
 
 def one_at_work(common: tuple[Setting, Path], candidate: Candidate) -> AreaOutcome:
     """Zone one area in a separate process on one core."""
+    setting, folder = common
     told: list[str] = []
-    record, reason, seconds, _ = _outcome(common, candidate, 1, None, told.append)
+    place = Workplace(folder, 1, None, told.append)
+    record, reason, seconds, _ = _outcome(setting, candidate, place)
     return record, reason, seconds, tuple(text for text in told if text.startswith(UNFIT))
 
 
-def _outcome(
-    common: tuple[Setting, Path],
-    candidate: Candidate,
-    jobs: Jobs,
-    on_progress: OnProgress | None,
-    tell: Callable[[str], None],
-) -> AreaOutcome:
+def _outcome(setting: Setting, candidate: Candidate, place: Workplace) -> AreaOutcome:
+    """Zone one area; ``place`` has the folder of the batch."""
     began = time.perf_counter()
     record, reason = None, ""
-    setting, folder = common
-    place = Workplace(folder / AREAS_NAME / candidate.stem, jobs, on_progress, tell)
+    assert place.folder is not None
+    own = replace(place, folder=place.folder / AREAS_NAME / candidate.stem)
     try:
-        record = run_area(setting, candidate, place)
+        record = run_area(setting, candidate, own)
     except Exception as error:
         reason = _why_skipped(error)
     return record, reason, time.perf_counter() - began, ()

@@ -113,8 +113,9 @@ def read_setting(
         rules = read_rules(replace(config, hazard=hazard), empty)
         yearly_frequencies(config, (), names)
     setting = Setting(
-        config, terrain, table, control_lines, replace(rules, notices=()), names,
-        shared_digest(config), sums_only,
+        config=config, terrain=terrain, table=table, control_lines=control_lines,
+        rules=replace(rules, notices=()), names=names, digest=shared_digest(config),
+        sums_only=sums_only,
     )  # fmt: skip
     return setting, tuple(dict.fromkeys((*config.notes, *notices, *rules.notices)))
 
@@ -318,26 +319,19 @@ def _run_cut(setting: Setting, candidate: Candidate, cut: Windowed, place: Workp
         furthest = done.progress.furthest
         record = Record(
             fingerprint=_fingerprint(setting, cut.part, run.grid, run.areas[0], frequencies),
-            area=candidate.name,
-            west=run.grid.west,
-            north=run.grid.north,
-            n_rows=cut.part.n_rows,
-            n_cols=cut.part.n_cols,
-            repetitions=done.run.repetitions,
-            points=len(cut.planned.points),
+            area=candidate.name, west=run.grid.west, north=run.grid.north,
+            n_rows=cut.part.n_rows, n_cols=cut.part.n_cols,
+            repetitions=done.run.repetitions, points=len(cut.planned.points),
             rocks=int(done.progress.reasons.sum()),
-            furthest_m=None if furthest is None else round(furthest[0], 2),
-            zones_m2={},
-            control_lines=_control_lines_in(setting, run.grid),
-            objects=objects,
-            notices=cut.notices,
-            sums_only=setting.sums_only,
+            furthest_m=None if furthest is None else round(furthest[0], 2), zones_m2={},
+            control_lines=_control_lines_in(setting, run.grid), objects=objects,
+            notices=cut.notices, sums_only=setting.sums_only,
             reached=sum(t.cells.counts().places.size for t in done.progress.sources.values()),
             counted=_counted(done.progress, cut.part.n_cols),
             never_started=int(done.progress.reasons[StopReason.NEVER_STARTED]),
             frequencies={scenario: annual for (_, scenario), annual in frequencies.items()},
             sums=digests_of_sums(work),
-        )
+        )  # fmt: skip
         if setting.sums_only:
             write_record(work, record)
             _write_sums_manifest(work, config, done)

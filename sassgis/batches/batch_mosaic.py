@@ -115,6 +115,7 @@ def write_mosaic(
     candidates: Sequence[Candidate],
     records: dict[str, Record],
     folder: Path,
+    *,
     notices: tuple[str, ...],
     tell: Callable[[str], None],
     memory_bytes: int | None = None,
@@ -272,8 +273,9 @@ def _write_one_block(
         )
         said = (*warnings, *overlaps, *simulation_warnings(job.run, progress))
         return Simulation(
-            replace(config, output=output), job.run, planned, progress,
-            Checkpoint(work, fingerprint), said, time.perf_counter() - began,
+            config=replace(config, output=output), run=job.run, planned=planned,
+            progress=progress, checkpoint=Checkpoint(work, fingerprint), warnings=said,
+            seconds=time.perf_counter() - began,
         )  # fmt: skip
 
     job = Job(config, run, planned, ())
@@ -382,8 +384,9 @@ def _write_blocks(
     extras = group_extras(config, rules, frame, maps.hazard, drawn, (risk, risk_before))
     facts = facts_of(config, mosaic.run) | {"preset": rules.preset.name} | counts
     write_layers(
-        work, config, frame, maps.blocks, maps.terrain, vectors, extras, facts, (frame.bounds, ())
-    )
+        work, config, frame, extras, layers=maps.blocks, terrain=maps.terrain, vectors=vectors,
+        facts=facts, extent=frame.bounds,
+    )  # fmt: skip
     warnings = (*warnings, *left_out)
     write_origin(work, config, counts, warnings, seed=config.run.seed, grid=frame, **extras.origin)
     return warnings

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -17,7 +17,6 @@ from sassgis.files.saved_arrays import saved_digest, saved_or_refused, unfit, wr
 from sassgis.grid import FloatArray, IntArray
 from sassgis.inputs.tiles import Part, Terrain
 from sassgis.settings.map_run import BlockRows, MapRun
-from sassgis.settings.results import ControlLine
 from sassgis.settings.statistics_table import SUM_NAMES, Bins, bins_of, wider
 from sassgis.simulation.accumulators import Progress, SourceTally, evenly_kept, joined_rows
 from sassgis.simulation.checkpoint import counts_from, progress_from, state_of
@@ -200,9 +199,15 @@ def added_up(
             total.sums.add(cells, here)
         # Those of single sources take much memory; only the table of design values needs them.
         of_sources = control_lines if planned is not None else ()
-        _add_counts(
-            total, place, i, area, at_lines, by_source, energies, state[_ENERGIES], of_sources
-        )
+        total.control_lines.add_sums(at_lines, np.array(area.record.control_lines, np.int64))
+        for (_, scenario), tally in sorted(by_source.items()):
+            joined = SourceTally(
+                SourceSums(energies.size), SourceSums(energies.size), ControlLineSums(of_sources),
+                rocks=tally.rocks, never_started=tally.never_started,
+                simulated=tally.simulated, heaviest=tally.heaviest,
+            )  # fmt: skip
+            _add_counts(joined, tally, place, area, _columns(state[_ENERGIES], energies))
+            total.sources[i, scenario] = joined
     # One share of all areas: no more than any of them has kept.
     for rows, first_point in stops:
         kept = evenly_kept(rows, run.seed, share)
@@ -212,41 +217,32 @@ def added_up(
 
 
 def _add_counts(
-    total: Progress,
+    joined: SourceTally,
+    tally: SourceTally,
     place: Part,
-    number: int,
     area: Reached,
-    at_lines: ControlLineSums,
-    sources: Mapping[tuple[int, int], SourceTally],
-    energies_kj: FloatArray,
-    of_area_kj: FloatArray,
-    of_sources: tuple[ControlLine, ...],
+    of_energies: tuple[IntArray, IntArray],
 ) -> None:
-    """Add what a release area has counted: in cells, at stations and barriers, at objects."""
-    n, (columns, counted) = energies_kj.size, _columns(of_area_kj, energies_kj)
-    lines = np.array(area.record.control_lines, np.int64)
+    """Add what a source of an area has counted: in cells, at stations and barriers, at objects.
+
+    ``of_energies`` are the columns of the wanted energies, and those of the area's.
+    """
+    columns, counted = of_energies
     objects = np.array(area.record.objects, np.int64)
 
     def widened(counts: IntArray) -> IntArray:
-        """Return counts by the energies of the area as counts by those that are wanted."""
-        out = np.zeros((counts.shape[0], n), np.int64)
+        out = np.zeros((counts.shape[0], joined.cells.n_energies), np.int64)
         out[:, columns] = counts[:, counted]
         return out
 
-    total.control_lines.add_sums(at_lines, lines)
-    for (_, scenario), tally in sorted(sources.items()):
-        joined = SourceTally(
-            SourceSums(n), SourceSums(n), ControlLineSums(of_sources), tally.rocks,
-            tally.never_started, tally.simulated, tally.heaviest,
-        )  # fmt: skip
-        counts = tally.cells.counts()
-        inside, cells = area.part.cells_in(place, counts.places)
-        joined.cells.add(cells, *(widened(c[inside]) for c in (counts.count, counts.square)))
-        counts = tally.objects.counts()
-        joined.objects.add(objects[counts.places], widened(counts.count), widened(counts.square))
-        if of_sources:
-            joined.control_lines.add_sums(tally.control_lines, lines)
-        total.sources[number, scenario] = joined
+    counts = tally.cells.counts()
+    inside, cells = area.part.cells_in(place, counts.places)
+    joined.cells.add(cells, *(widened(c[inside]) for c in (counts.count, counts.square)))
+    counts = tally.objects.counts()
+    joined.objects.add(objects[counts.places], widened(counts.count), widened(counts.square))
+    if joined.control_lines.control_lines:
+        lines = np.array(area.record.control_lines, np.int64)
+        joined.control_lines.add_sums(tally.control_lines, lines)
 
 
 def _add_blocks(total: Progress, own: Progress, first_point: int) -> None:
@@ -267,11 +263,7 @@ def _add_blocks(total: Progress, own: Progress, first_point: int) -> None:
 
 
 def _columns(own: NDArray[Any], wanted: NDArray[Any]) -> tuple[IntArray, IntArray]:
-    """Return columns of the wanted energies of which an area has counts, and of those of the area.
-
-    The energies of a larger relief begin with those of a smaller one and go on beyond what any
-    block can have there: what is missing counts nothing.
-    """
+    """Return columns of the wanted energies that an area has counts of, and those of the area."""
     columns = np.flatnonzero(wanted <= own.max(initial=-1.0))
     counted = np.searchsorted(own, wanted[columns])
     if not np.array_equal(own[counted], wanted[columns]):

@@ -123,7 +123,9 @@ def windowed(
         planned = plan(run)
         cut = cut_sides(part, terrain)
         for lines in (_scouts(planned), *([] if run.followed else [len(planned.starts)])):
-            missing = _missing(terrain, part, run, planned, ref_width_m, lines)
+            # Cells by which the part is too small for so many lines.
+            reached = _reached(terrain, run, planned, ref_width_m, lines)
+            missing = [c * more for c, more in zip(cut, _beyond(reached, part), strict=True)]
             if any(missing):
                 break
         if not any(missing):
@@ -176,15 +178,6 @@ def _foreseen(
     reached = _reached(terrain, run, planned, ref_width_m, _scouts(planned))
     n, e, s, w = (math.ceil(_MORE * m) for m in _beyond(reached, inner))
     return n, e, s, w
-
-
-def _missing(
-    terrain: Terrain, part: Part, run: MapRun, planned: Plan, ref_width_m: float, lines: int
-) -> list[int]:
-    """Count the cells by which a part is too small for so many fall lines, by side as Sides."""
-    reached = _reached(terrain, run, planned, ref_width_m, lines)
-    cut = cut_sides(part, terrain)
-    return [c * beyond for c, beyond in zip(cut, _beyond(reached, part), strict=True)]
 
 
 def _reached(terrain: Terrain, run: MapRun, planned: Plan, ref_width_m: float, lines: int) -> Part:

@@ -194,12 +194,7 @@ def _chosen(sites: Sequence[SiteData], asked: Sequence[str] | None) -> list[str]
 def _write(
     work: Path, configs: Sequence[Config], cases: Sequence[Case], calibration: SiteCalibration
 ) -> None:
-    """Write a calibration into a folder.
-
-    ``fitted_classes.csv``, ``config.toml`` with the recommended ground (``config_2.toml`` and so on
-    for further sites), ``calibration.json``, ``figures/*.png``, ``report.html`` and last
-    ``manifest.json``. ConfigError or InputError: a configuration could not be run again.
-    """
+    """Write configurations to be run again, tables, figures, report and last the manifest."""
     classes = {c.name: c for case in reversed(cases) for c in case.table.classes}
     write_classes(work / FITTED_NAME, calibration, GroundTable(tuple(classes.values())))
     inputs: dict[str, Input] = {}

@@ -332,10 +332,7 @@ class Readiness:
 
 
 def readiness(config: Config) -> tuple[Readiness, ...]:
-    """Find for which commands a configuration is complete; no file is opened.
-
-    That is run, zone, risk and, if the configuration has a profile, profile.
-    """
+    """Find whether a configuration is complete for run, zone, risk and profile; opens no file."""
     run = [] if config.terrain.dem is not None else ["terrain.dem"]
     run += [] if config.release.file is not None else ["release.file"]
     zone = list(run)

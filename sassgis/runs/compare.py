@@ -113,10 +113,7 @@ def _write_comparison(
     base: Path,
     say: Callable[[str], None] | None,
 ) -> ResultChange:
-    """Write the comparison of two results, and of their largest values at the ``placed`` objects.
-
-    ``inputs`` are those of the manifest, relative to ``base``.
-    """
+    """Write the comparison of two results, with their values at the ``placed`` objects."""
     tell = say or (lambda _text: None)
     whole = before.grid.shape, after.grid.shape
     before, after = on_common_cells(before, after)

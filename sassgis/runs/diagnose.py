@@ -184,10 +184,7 @@ def diagnose(
 def _gaps(
     problem: SiteData, model: HypothesisModel, rows: FloatArray, scale: float = 1.0
 ) -> tuple[tuple[ModelGap, ...], float]:
-    """Compute how far a model is off, and the share of its rocks that leave the terrain.
-
-    ``scale``: speeds as observed over the true ones.
-    """
+    """Compute how far a model is off (``scale``: speeds as observed over true), and what leaves."""
     left = share_left(problem.case, problem.rock_lines, model, problem.seed)
     scales = {"observed_scale": scale, "model_scale": model.measurement.scale}
     return model_gaps(problem, rows, left, **scales), left
@@ -397,10 +394,7 @@ def write_outputs(work: Path, case: Case, diagnosis: Diagnosis, config: Config) 
 
 
 def _write_models(file: Path, made: HypothesisFits, diagnosis: Diagnosis) -> None:
-    """Write the models handed over, whole, and the scale on which their rocks are compared.
-
-    ``number`` and ``count`` are those of the campaigns by which each was chosen and scored.
-    """
+    """Write the models handed over, whole, and the scale on which their rocks are compared."""
     problem, scale = made.problem, made.problem.scale
     kept: dict[str, Any] = {
         "seed": problem.seed,

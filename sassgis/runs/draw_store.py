@@ -51,10 +51,7 @@ class DrawStore:
         }
 
     def seen(self, trials: Sequence[Trial], *, run: RunNew, step: Callable[[], None]) -> list[Seen]:
-        """Return the results of trials: the known ones, and those that ``run`` makes now.
-
-        What is made is saved now and then, and whatever happens.
-        """
+        """Return results of trials, known or made by ``run``; what is made is always saved."""
         due = [one for one in trials if _key(one) not in self._made]
         for _ in range(len(trials) - len(due)):
             step()

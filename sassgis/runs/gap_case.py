@@ -35,10 +35,7 @@ def comparable(problem: SiteData, observations: AnyObservations) -> SiteData:
 
 
 def read_case(config: AnyConfig, observations: AnyObservations) -> Case:
-    """Read a configuration and observations: a GeoPackage, a folder of CSV files, or the tables.
-
-    InputError, among others, if there is no rock whose fall line can be traced.
-    """
+    """Read a configuration and observations: a GeoPackage, a folder of CSV files, or the tables."""
     run = read_map_run(configured(config, None))
     seen = read_observations(observations, run.grid, *drop_and_density(run.blocks))
     return case_of(run, seen, observations_name(observations))

@@ -168,8 +168,9 @@ def profile_from_csv(config: Config, path: Input | None = None) -> ProfileInput:
     require_profile(config, s, z, 0)
     start = settings.start_m if settings else (float(s[0]), float(s[0]))
     return ProfileInput(
-        config.project.name, s, z, flat.ground, table, tuple(profile_control_lines(config)), start,
-        _even_forest(config, s),
+        name=config.project.name, s=s, z=z, ground=flat.ground, table=table,
+        control_lines=tuple(profile_control_lines(config)), start=start,
+        forest=_even_forest(config, s),
     )  # fmt: skip
 
 

@@ -144,8 +144,9 @@ def _profile_of(title: str, run: MapRun, prepared: PreparedLines) -> ProfileInpu
             name = line.name if i == 0 else f"{line.name} ({i + 1})"
             control_lines.append((replace(line, name=name), float(chainage)))
     return ProfileInput(
-        title, s, z, prepared.flat.ground, run.table, tuple(control_lines), (0.0, 0.0),
-        _forest_along(run, prepared.lines, s),
+        name=title, s=s, z=z, ground=prepared.flat.ground, table=run.table,
+        control_lines=tuple(control_lines), start=(0.0, 0.0),
+        forest=_forest_along(run, prepared.lines, s),
     )  # fmt: skip
 
 
@@ -200,14 +201,11 @@ def simulate_profile(
         scenario=np.repeat(numbers, [p.rocks.size for p in parts]),
         pieces=np.concatenate([p.pieces for p in parts]),
         piece_scenario=np.repeat(numbers, [p.pieces.size for p in parts]),
-        passage_scenario=np.repeat(numbers, [p.passages.size for p in parts]),
         passages=np.concatenate([p.passages for p in parts]),
-        control_lines=sums,
-        paths=tuple(paths),
-        drawn=drawn,
-        stretches=flat.cell_s[1:],
+        passage_scenario=np.repeat(numbers, [p.passages.size for p in parts]),
+        control_lines=sums, paths=tuple(paths), drawn=drawn, stretches=flat.cell_s[1:],
         along=along,
-    )
+    )  # fmt: skip
 
 
 def run_profile(

@@ -138,9 +138,11 @@ def propose_release(
             f"cells of {grid.cell_size:g} m flatten cliffs that are lower than about "
             f"{2.0 * grid.cell_size:g} m"
         )
-    area = float((patches > 0).sum()) * grid.cell_size**2
-    count = int(patches.max())
-    return Proposal(found, threshold, rock_deg, count, area, grid.cell_size, tuple(warnings))
+    return Proposal(
+        units=found, threshold_deg=threshold, rock_deg=rock_deg, areas=int(patches.max()),
+        area_m2=float((patches > 0).sum()) * grid.cell_size**2, cell_size=grid.cell_size,
+        warnings=tuple(warnings),
+    )  # fmt: skip
 
 
 def _units(slopes: FloatArray, dem: Path, threshold_deg: float | None) -> SlopeUnits | None:

@@ -44,19 +44,12 @@ def write_origin(
     if hazard_width_m is not None:
         widths["hazard"] = hazard_width_m
     write_manifest(
-        work / MANIFEST_NAME,
-        inputs={**input_files(config), **(inputs or {})},
-        base=config.base,
+        work / MANIFEST_NAME, inputs={**input_files(config), **(inputs or {})}, base=config.base,
         crs="" if grid is None else grid.crs,
-        vertical_datum="" if grid is None else grid.vertical_datum,
-        seed=seed,
-        ref_widths_m=widths,
-        preset=preset,
-        settings=as_named(config) | dict(settings or {}),
-        counts=counts,
-        warnings=warnings,
-        checks=checks,
-    )
+        vertical_datum="" if grid is None else grid.vertical_datum, seed=seed,
+        ref_widths_m=widths, preset=preset, settings=as_named(config) | dict(settings or {}),
+        counts=counts, warnings=warnings, checks=checks,
+    )  # fmt: skip
 
 
 def provenance(config: Config) -> dict[str, str]:

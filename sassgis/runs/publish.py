@@ -131,8 +131,9 @@ def publish_map(
         )  # fmt: skip
         sheets = (*extras.layouts(words), *run_project.run_layouts(words, layers))
         write_layers(
-            work, config, run.grid, layers, terrain, vectors, extras, facts, (words.extent, sheets)
-        )
+            work, config, run.grid, extras, layers=layers, terrain=terrain, vectors=vectors,
+            facts=facts, extent=words.extent, layouts=sheets,
+        )  # fmt: skip
         _write_rows(work / "tables", done, tell)
         tell("Drawing the figures")
         context = reported()
@@ -158,24 +159,25 @@ def write_layers(
     work: Path,
     config: Config,
     grid: Grid,
+    extras: Extras,
+    *,
     layers: Sequence[RasterLayer],
     terrain: RasterLayer,
     vectors: Sequence[VectorLayer],
-    extras: Extras,
     facts: Mapping[str, object],
-    sheets: tuple[Extent, Sequence[PrintLayout]],
+    extent: Extent,
+    layouts: Sequence[PrintLayout] = (),
 ) -> None:
     """Write GeoPackages, the project and the tables of what lies next to the maps.
 
-    Of ``layers`` and ``terrain`` only the limits of the legend count. ``sheets`` are the extent
-    that is shown at first, and the print layouts.
+    Of ``layers`` and ``terrain`` only the limits of the legend count; ``extent`` is shown at first.
     """
     write_geopackage(work / RESULT_FILE, vectors, facts)
     if extras.vectors:
         write_geopackage(work / ZONE_FILE, extras.vectors, facts)
     if extras.edits is not None:
         write_geopackage(work / EDITS_FILE, [extras.edits], facts)
-    imprint, (extent, layouts) = replace(config.project, date=made_on(config)), sheets
+    imprint = replace(config.project, date=made_on(config))
     run_project.write_run_project(
         work, imprint, grid, extent, layers, terrain, vectors, extras.groups, layouts,
         read_base_map(imprint.base_map, grid),
@@ -222,11 +224,7 @@ def _write_report(
     warnings: Sequence[str],
     facts: Mapping[str, object],
 ) -> ReportContext:
-    """Write ``report.html`` with its figures, ``map.html``, and sheets of protection if any.
-
-    ``layers`` are the maps of the blocks. Returns what the report says, in the language of the
-    settings.
-    """
+    """Write report, map page and sheets of protection if any; returns what the report says."""
     config, run, planned, progress = done.config, done.run, done.planned, done.progress
     furthest = progress.furthest
     shown = None if furthest is None else paths_on_line(run, planned, *furthest[1:])

@@ -167,8 +167,9 @@ def simulate_job(
         run = replace(run, rounds=progress.rounds)
         tell("Simulating")
         simulate_saved(
-            run, planned, progress, checkpoint, jobs, place.on_progress, _keeps_rows(config)
-        )
+            run, planned, progress, checkpoint, jobs,
+            on_progress=place.on_progress, rows=_keeps_rows(config),
+        )  # fmt: skip
         more = None if next_round is None else next_round(run, planned, progress)
         if more is not None:
             progress.rounds = (*progress.rounds, more)
@@ -193,7 +194,10 @@ def simulate_job(
         *release_warnings(run, planned.points),
         *simulation_warnings(run, progress),
     )
-    return Simulation(config, run, planned, progress, checkpoint, warnings, seconds, tolerance)
+    return Simulation(
+        config=config, run=run, planned=planned, progress=progress, checkpoint=checkpoint,
+        warnings=warnings, seconds=seconds, tolerance=tolerance,
+    )  # fmt: skip
 
 
 def _changed(job: Job) -> list[str]:
@@ -207,10 +211,8 @@ def _changed(job: Job) -> list[str]:
 
 
 def state_fingerprint(config: Config, job: MapRun, schedule: str = "") -> str:
-    """Fingerprint all that a saved state depends on: the run as read, and what tables keep.
-
-    The digests of its files would not do: they may be edited while it is read.
-    """
+    """Fingerprint all that a saved state depends on: the run as read, and what tables keep."""
+    # Digests of its files would not do: they may be edited while they are read.
     return value_digest((job, _keeps_rows(config), schedule, SUM_NAMES, QUANTITIES))
 
 
@@ -235,6 +237,7 @@ def simulate_saved(
     progress: Progress,
     checkpoint: Checkpoint,
     jobs: int | Workers,
+    *,
     on_progress: OnProgress | None = None,
     rows: bool = False,
 ) -> None:

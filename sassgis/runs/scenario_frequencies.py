@@ -190,8 +190,9 @@ def scenario_frequencies(
             f"{100 * rest:.2g} % of the blocks are above {limits[-1]:g} m3, in no scenario"
         )
     return ScenarioFrequencies(
-        file, survey.blocks, law, tuple(higher_thresholds(law)), distance, p,
-        scenario(complete_from, largest), scenarios, unit, tuple(warnings),
+        file=file, blocks=survey.blocks, law=law, higher=tuple(higher_thresholds(law)),
+        distance=distance, p=p, total=scenario(complete_from, largest), scenarios=scenarios,
+        unit=unit, warnings=tuple(warnings),
     )  # fmt: skip
 
 

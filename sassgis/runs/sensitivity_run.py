@@ -32,19 +32,8 @@ from sassgis.settings.ground_ranges import ParameterRange, RangeRule
 from sassgis.settings.languages import in_language, phrase, translated
 from sassgis.simulation.loop import check_starts
 from sassgis.simulation.workers import Jobs, OnProgress
-from sassgis.studies.variants import (
-    BASE,
-    CHANCE,
-    RangeEffect,
-    Variant,
-    VariantFinding,
-    answers,
-    effects,
-    ends_of,
-    farthest,
-    filling,
-    sensitivity_maps,
-)
+from sassgis.studies import variants as study
+from sassgis.studies.variants import BASE, CHANCE, RangeEffect, Variant, VariantFinding
 
 #: Blocks of each release point in each simulation, as a share of those of the configuration.
 _ROCKS_SHARE, _FEWEST_ROCKS = 0.2, 4
@@ -109,9 +98,9 @@ def sensitivity(
         warnings = (*job.notices, *_warnings(rules, varied))
         names = lab.names(() if rules is None else [o.name for o in rules.placed.objects])
         simulations = zip(variants[1:], findings[1:], strict=True)
-        table = answers(findings[0], simulations, names, run.grid.cell_size**2)
-        found = effects(varied, table)
-        maps = sensitivity_maps(findings, len(varied))
+        table = study.answers(findings[0], simulations, names, run.grid.cell_size**2)
+        found = study.effects(varied, table)
+        maps = study.sensitivity_maps(findings, len(varied))
         preset = None if rules is None else rules.preset
         layers = sensitivity_layers(maps, varied, samples, run.grid.shape, preset)
         frames = {
@@ -151,20 +140,17 @@ def sensitivity(
 def _simulated(
     lab: VariantLab, rules: Sequence[RangeRule], samples: int, tell: Callable[[str], None]
 ) -> tuple[tuple[ParameterRange, ...], list[Variant], list[VariantFinding]]:
-    """Find the classes that blocks may meet, and simulate variants of their ranges.
-
-    These are: the base, another seed and the farthest, two ends of each range, the filling.
-    """
+    """Simulate base, another seed, farthest, two ends of each range met, and the filling."""
     tell("Simulating the classes as they are, and at their farthest")
     seed = lab.run.seed
-    variants = [Variant(BASE), Variant(CHANCE, seed=seed + 1), farthest(lab.ranges(rules))]
+    variants = [Variant(BASE), Variant(CHANCE, seed=seed + 1), study.farthest(lab.ranges(rules))]
     findings = [lab.found(v) for v in variants]
     reached = np.unique(np.concatenate([f.cells for f in findings]))
     ranges = lab.ranges(rules, reached)
     if not ranges:
         met = "ground classes " + ", ".join(lab.classes(reached))
         raise InputError("no range to vary", found=met, expected="ranges of them")
-    more = [*ends_of(ranges), *filling(ranges, samples, seed)]
+    more = [*study.ends_of(ranges), *study.filling(ranges, samples, seed)]
     lab.total = len(variants) + len(more)
     tell(f"Simulating {len(ranges)} ranges alone and {samples} points of all")
     return ranges, variants + more, findings + [lab.found(v) for v in more]

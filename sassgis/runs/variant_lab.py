@@ -35,24 +35,8 @@ from sassgis.simulation.accumulators import Progress
 from sassgis.simulation.checkpoint import Checkpoint
 from sassgis.simulation.loop import check_starts
 from sassgis.simulation.workers import Jobs, OnProgress
-from sassgis.studies.variants import (
-    BASE,
-    FAR,
-    MEDIAN,
-    Answers,
-    CellMaps,
-    GroundSpread,
-    Names,
-    SpreadBand,
-    Variant,
-    VariantFinding,
-    answers,
-    draw_of,
-    finding_of,
-    level_areas,
-    spread_bands,
-    spread_maps,
-)
+from sassgis.studies import variants as study
+from sassgis.studies.variants import GroundSpread, SpreadBand, Variant, VariantFinding
 
 _KEPT = [f.name for f in fields(VariantFinding)]
 #: Folder of the draws among the saved states of a run.
@@ -88,7 +72,7 @@ class VariantLab:
         self._seen: set[str] = set()
         self._blocks = 0
 
-    def names(self, objects: Sequence[str]) -> Names:
+    def names(self, objects: Sequence[str]) -> study.Names:
         """Return the names to the numbers of findings."""
         levels = [] if self._rules is None else [c.label for c in self._rules.preset.levels]
         return levels, [line.name for line, _ in self.run.control_lines], objects
@@ -142,7 +126,7 @@ class VariantLab:
                 f"stopped by the user after {len(self._seen)} simulations; they are kept in "
                 f"{self._folder}: run the same command to resume"
             ) from None
-        return finding_of(run, progress, self._rules, self._exposed)
+        return study.finding_of(run, progress, self._rules, self._exposed)
 
 
 # ---------------------------------------------------------------------------------------------
@@ -150,7 +134,7 @@ class VariantLab:
 
 
 #: Results of the draws of a run.
-DrawnGround = tuple[GroundSpread, CellMaps, Answers]
+DrawnGround = tuple[GroundSpread, study.CellMaps, study.Answers]
 
 
 def spread_rules(config: Config, run: MapRun) -> tuple[RangeRule, ...]:
@@ -167,10 +151,7 @@ def drawn_ground(
     rules: Rules | None,
     placed: PlacedObjects,
 ) -> DrawnGround | None:
-    """Simulate the blocks of a run on the draws that the configuration asks for; None for none.
-
-    ``known`` are those of spread_rules, from before the run itself; ``rules`` those of a zoning.
-    """
+    """Simulate the draws that a configuration asks for, given spread_rules; None for none."""
     draws = done.config.run.ground_uncertainty
     if not draws:
         return None
@@ -179,7 +160,7 @@ def drawn_ground(
     wholes, exposed = cells_of_wholes(placed, done.run.grid)
     job = Job(done.config, done.run, done.planned, ())
     lab = VariantLab(job, rules, place, _DRAWS, exposed)
-    base = finding_of(done.run, done.progress, rules, exposed)
+    base = study.finding_of(done.run, done.progress, rules, exposed)
     return _drawn(lab, known, draws, base, wholes)
 
 
@@ -192,15 +173,15 @@ def _drawn(
 ) -> DrawnGround:
     """Simulate draws and return their results and the base's; ``exposed`` are names of objects."""
     ranges = lab.ranges(known)
-    variants = [draw_of(ranges, lab.run.seed, k) for k in range(draws)]
+    variants = [study.draw_of(ranges, lab.run.seed, k) for k in range(draws)]
     lab.total += draws
     names, cell_m2 = lab.names(exposed), lab.run.grid.cell_size**2
     # Only one is held at a time.
-    table = answers(base, ((v, lab.found(v)) for v in variants), names, cell_m2)
-    maps = spread_maps(base, lambda: map(lab.found, variants))
-    areas = level_areas(maps, cell_m2) if names[0] else None
+    table = study.answers(base, ((v, lab.found(v)) for v in variants), names, cell_m2)
+    maps = study.spread_maps(base, lambda: map(lab.found, variants))
+    areas = study.level_areas(maps, cell_m2) if names[0] else None
     met = lab.ranges(known, maps[0])
-    return GroundSpread(draws, met, spread_bands(table), areas), maps, table
+    return GroundSpread(draws, met, study.spread_bands(table), areas), maps, table
 
 
 def runout_bands(
@@ -224,5 +205,5 @@ def runout_bands(
         check_starts(job.run, job.planned.points, lambda: job.planned, config.release.file)
         lab = VariantLab(job, None, place, _DRAWS)
         lab.total = 1
-        spread, _, _ = _drawn(lab, known, draws, lab.found(Variant(BASE)))
-    return spread.band(MEDIAN), spread.band(FAR)
+        spread, _, _ = _drawn(lab, known, draws, lab.found(Variant(study.BASE)))
+    return spread.band(study.MEDIAN), spread.band(study.FAR)

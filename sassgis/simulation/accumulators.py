@@ -174,11 +174,7 @@ def add_chunk(progress: Progress, outcome: ChunkResult, run: MapRun) -> None:
 
 
 def _keep_stops(progress: Progress, rows: BlockRows, run: MapRun) -> None:
-    """Keep a share of the blocks; a smaller one of all where they become too many.
-
-    Of blocks that count g times, the share is 1/g at most: else all others would be kept as well,
-    which are to be as much less likely.
-    """
+    """Keep a share of the blocks: 1/weight at most, and less where they become too many."""
     _keep_fewer(progress, run.seed, 1.0 / float(rows.rock_weight.max(initial=1)))
     progress.stops.append(evenly_kept(rows, run.seed, progress.stop_share))
     while sum(own.rocks.size for own in progress.stops) > 2 * run.stop_points_max:

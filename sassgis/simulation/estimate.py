@@ -119,8 +119,9 @@ def estimate_of(run: MapRun, jobs: int, points: int | None = None, more: int = 1
         need["hazard.ref_width_m"] = windows
     bands = 1 + sum(len(row.bands) for row in STATISTICS)
     return RunEstimate(
-        blocks, n, cells, need, reached_bytes(bins_of(run)), jobs,
-        blocks / (RATES[run.followed] * jobs), bands * cells * _IN_MAP, more,
+        blocks=blocks, points=n, cells=cells, need=need, per_reached=reached_bytes(bins_of(run)),
+        cores=jobs, seconds=blocks / (RATES[run.followed] * jobs),
+        map_bytes=bands * cells * _IN_MAP, more=more,
     )  # fmt: skip
 
 
@@ -136,11 +137,7 @@ def _windows_bytes(run: MapRun) -> int:
 
 
 def reached_bytes(bins: Bins) -> int:
-    """Return bytes of a cell that blocks come to: its sums, and its counts for the hazard curves.
-
-    Counts and squares of a source, its rates and variances and those of all, and copies at work;
-    sums with room to grow, those that are added, and their parts.
-    """
+    """Return bytes of a cell that blocks come to: sums and counts, and copies of them at work."""
     sums = sum(
         np.dtype(s.dtype).itemsize * (bins.edges[s.name].size - 1 if s.name in bins.edges else 1)
         for s in SUMS
@@ -149,10 +146,7 @@ def reached_bytes(bins: Bins) -> int:
 
 
 def require_profile(config: Config, s: FloatArray, z: FloatArray, rocks: int) -> Bins:
-    """Return the bins of a run down a profile.
-
-    Raises InputError if so many blocks do not fit into the memory.
-    """
+    """Return the bins of a run down a profile; InputError if it does not fit into the memory."""
     bins = bins_for(float(np.ptp(z)), config.blocks, config.engine)
     stretches = round(min(float(np.ptp(s)) / STRETCH_M, 1e15))
     blocks = rocks * len(config.blocks)

@@ -43,10 +43,7 @@ CHUNK_POINTS = 96
 
 
 class TerrainTooSmall(Exception):
-    """Raised when a followed path looks into the rim of the grid, or its fall line comes near.
-
-    ``sides``: on which sides (north, east, south, west).
-    """
+    """Raised where paths look into the rim of the grid, or lines come near, with the sides."""
 
     def __init__(self, sides: tuple[bool, bool, bool, bool]) -> None:
         super().__init__(sides)
@@ -88,10 +85,7 @@ def path_terrain(run: MapRun) -> PathTerrain:
 def follow_blocks(
     run: MapRun, points: ReleasePoints, k: int, again: int | IntArray, **more: Any
 ) -> Simulated:
-    """Return blocks of a scenario from points of one area, in some repetition.
-
-    ``more`` as for follow.
-    """
+    """Return blocks of a scenario from points of one area, in some repetition, by ``follow``."""
     blocks = run.blocks[k]
     return follow(
         path_terrain(run), points, run.table, blocks, run.engine, seed=run.seed,
@@ -173,10 +167,11 @@ def _work(common: _Common, chunk: Chunk) -> ChunkResult:
     if not chunk.repetitions[0]:
         lines = traced(run, planned, chunk.points) if traces is None else traces
         drawn.append(drawn_lines(lines, run.grid, chunk.points))
-    sums = {k: result for k, result, *_ in found}
     return ChunkResult(
-        area, own.points, chunk.weight, sums, joined_rows(parts), joined_lines(drawn), lost
-    )
+        area=area, points=own.points, weight=chunk.weight,
+        sums={k: result for k, result, *_ in found}, rows=joined_rows(parts),
+        lines=joined_lines(drawn), lost=lost,
+    )  # fmt: skip
 
 
 def _followed(common: _Common, chunk: Chunk) -> tuple[NDArray[np.bool_], None, list[_OfScenario]]:
@@ -300,10 +295,7 @@ _POINTS = 40
 
 
 def sampled_plan(run: MapRun, planned: Plan, blocks: int, points: int) -> tuple[MapRun, Plan]:
-    """Return the part of a run: release points evenly over the plan, and the first blocks of each.
-
-    About so many blocks of at least so many release points, if there are.
-    """
+    """Return a part of a run: so many release points, evenly chosen, and their first blocks."""
     n = len(planned.points)
     once = replace(run, rounds=(Round(),))
     released = int(replace(planned, repetitions=()).blocks_of_point(once).sum())
@@ -333,10 +325,7 @@ def plan_of_points(planned: Plan, which: IntArray) -> Plan:
 
 
 def check_tolerance(run: MapRun, planned: Plan, jobs: int | Workers) -> ToleranceCheck | None:
-    """Repeat a sample of a run at half and double its segment tolerance.
-
-    None where the tolerance is 0 or there is nothing to simulate.
-    """
+    """Repeat a sample of a run at half and double its tolerance; None where there is none."""
     tolerance = run.terrain.segment_tolerance_m
     total = int(planned.blocks_of_point(run).sum())
     if tolerance == 0.0 or not total:

@@ -218,10 +218,7 @@ def reach_probability(
 def reach_limits(
     reach: IntArray, reach_square: IntArray, sample: Sample
 ) -> tuple[FloatArray, FloatArray]:
-    """Return limits of a 95 % interval of the reach probability, 1 at most; NaN where its error is.
-
-    They are those of ``gamma_interval``.
-    """
+    """Return limits of a 95 % gamma_interval of the reach probability; NaN where its error is."""
     started = max(sample.started, 1)
     share, error = reach_probability(reach, reach_square, sample)
     of_one = np.full(share.shape, 1.0 / started)

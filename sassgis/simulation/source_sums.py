@@ -14,10 +14,7 @@ from sassgis.settings.hazard_rules import SourceCounts
 
 
 class SourceSums:
-    """Counts that grow chunk by chunk; memory grows with the places that are reached.
-
-    All numbers are whole, so that the order of adding does not matter.
-    """
+    """Growing counts, in whole numbers; memory grows with the places that are reached."""
 
     def __init__(self, n_energies: int) -> None:
         self.n_energies = n_energies

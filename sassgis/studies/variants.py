@@ -275,10 +275,7 @@ class RangeEffect:
 
 
 def parts_of_design(rows: Any, n_ranges: int) -> tuple[Any, Any, Any, Any]:
-    """Return base, another seed, ends of the ranges and filling of a sensitivity, from its rows.
-
-    They are in this order, the farthest third.
-    """
+    """Return base, another seed, ends and filling from the rows of a sensitivity, in its order."""
     last = 3 + 2 * n_ranges
     return rows[0], rows[1], rows[3:last], rows[last:]
 

@@ -155,7 +155,11 @@ def test_tiles_that_do_not_go_together_are_refused(
     tile(folder, "d.tif", slice(0, 4), slice(0, 4), **change)  # type: ignore[arg-type]
     with pytest.raises(InputError, match=words) as error:
         open_terrain(folder)
-    assert str(error.value).count("\n") == 0 and "d.tif" in str(error.value)
+    assert "d.tif" in str(error.value)
+    for file in folder.iterdir():
+        file.unlink()
+    with pytest.raises(InputError, match="holds no tile"):
+        open_terrain(folder)
 
 
 def test_small_differences_are_told(folder: Path, caplog: pytest.LogCaptureFixture) -> None:
@@ -166,12 +170,6 @@ def test_small_differences_are_told(folder: Path, caplog: pytest.LogCaptureFixtu
     first = next(t for t in terrain.tiles if t.place.row == 0 and t.place.col == 0)
     assert terrain.read(Part(0, 0, 4, 4)).values[0, 0] == pytest.approx(1000.0, abs=1e-3)
     assert first.dem.file.name == "b.tif"
-
-
-def test_a_folder_without_tiles_says_what_is_wanted(tmp_path: Path) -> None:
-    (tmp_path / "notes.txt").write_text("no tile")
-    with pytest.raises(InputError, match="holds no tile"):
-        open_terrain(tmp_path)
 
 
 def test_cells_keep_their_place_in_a_larger_part() -> None:

@@ -127,26 +127,12 @@ BAD = {
     "nested tables": (
         written("[project]\nname = " + "{a = " * 9000 + "1" + "}" * 9000), "config.toml", ["nested"]
     ),
-    "nested keys": (
-        written("[project]\n" + "a." * 500_000 + "b = 1"), "config.toml", ["nested too deeply"]
-    ),
-    "lists of lists": (
-        written("[project]\nname = " + "[" * 30 + "]" * 30), "config.toml", ["project.name", "deep"]
-    ),
     "a number of many digits": (
         config(release__spacing_m="9" * 100_000), "config.toml", ["thousands of digits"]
-    ),
-    "a number of many bits": (
-        config(release__spacing_m="0x" + "f" * 100_000),
-        "config.toml", ["release.spacing_m", "400000 bits", "63 bits"],
     ),
     "a huge exponent": (config(release__spacing_m="1e999999"), "config.toml", ["spacing_m", "inf"]),
     "no such day": (config(project__date='"2026-02-30"'), "config.toml", ["project.date"]),
     "many stations": (written(STATIONS), "config.toml", ["used twice", "'0'"]),
-    "a title of 5,000 characters": (
-        config(project__name=f'"{"n" * 5000}"'),
-        "config.toml", ["project.name", "5000 characters", "1000"],
-    ),
     "NUL in a title": (
         config(project__name='"a\\u0000b"'), "config.toml", ["project.name", r"\\x00"]
     ),
@@ -161,9 +147,6 @@ BAD = {
     ),
     "NUL in a class": (
         classes(OWN.format(0.5).replace("own", "a\0b")), "classes.csv", ["row 2", r"\\x00"]
-    ),
-    "classes nested": (
-        written("classes = " + "[" * 20_000, "own.toml", "ground__classes"), "own.toml", ["nested"]
     ),
 }  # fmt: skip
 
@@ -209,15 +192,10 @@ def test_a_result_that_is_there_is_not_replaced(slope: Slope, refusal) -> None:
     for more in ((), ("--overwrite",)):
         assert str(out) in refusal("run", slope.config, "-o", out, *more, code=3)
     assert [p.name for p in out.iterdir()] == ["letter.txt"]
-
-
-def test_init_does_not_replace_a_file(tmp_path: Path, refusal) -> None:
-    file = tmp_path / "mine.toml"
-    file.write_text("mine")
-    err = refusal("init", file, code=3)
-    assert err.startswith(f"Error: {file}: exists")
-    assert file.read_text() == "mine"
-    refusal("init", file / "folder.toml", code=3)
+    before = slope.config.read_text()
+    assert f"{slope.config}: exists" in refusal("init", slope.config, code=3)
+    assert slope.config.read_text() == before
+    refusal("init", slope.config / "folder.toml", code=3)
 
 
 def test_usage_errors_are_one_line_too(slope: Slope, refusal) -> None:
@@ -235,14 +213,10 @@ def test_usage_errors_are_one_line_too(slope: Slope, refusal) -> None:
     assert "area b" in err and "area a" in err
 
 
-@pytest.mark.parametrize("command", ["run", "zone", "demo", "new"])
 @pytest.mark.parametrize("more", [(), ("--overwrite",)])
-def test_the_root_of_the_disk_is_no_result(
-    slope: Slope, refusal, command: str, more: tuple[str, ...]
-) -> None:
-    arguments = {"run": (slope.config, "-o"), "zone": (slope.config, "-o"), "demo": ("-o",)}
-    err = refusal(command, *arguments.get(command, ()), "/", *more, code=3)
-    assert err.startswith("Error: /: ")
+def test_the_root_of_the_disk_is_no_result(slope: Slope, refusal, more: tuple[str, ...]) -> None:
+    for command in (("run", slope.config, "-o"), ("demo", "-o"), ("new",)):
+        assert refusal(*command, "/", *more, code=3).startswith("Error: /: ")
 
 
 @pytest.mark.parametrize(
@@ -280,6 +254,5 @@ def test_a_name_that_is_not_utf_8(slope: Slope, refusal, monkeypatch: pytest.Mon
 
 def test_a_message_is_short_and_steers_no_terminal() -> None:
     error = InputError("a\x1b[2J", file="f" * 9000, found="\u202e\n" + "b" * 9000, expected="c")
-    assert (
-        len(str(error)) < 1500 and str(error).isprintable() and str(error).endswith("expected c)")
-    )
+    text = str(error)
+    assert len(text) < 1500 and text.isprintable() and text.endswith("expected c)")

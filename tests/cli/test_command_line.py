@@ -77,11 +77,6 @@ def test_seed_and_area_are_passed_on(slope: Slope, printed) -> None:
     assert manifest["settings"]["areas"] == ["area b"]
 
 
-def long_run(slope: Slope) -> None:
-    """Enough chunks and rocks to be interrupted in the middle."""
-    slope.write_config(release__spacing_m="0.5", release__rocks_per_point="120")
-
-
 def started(command: list[str], **options: object) -> tuple[int, subprocess.Popen[bytes]]:
     """Start a command on a terminal of its own; gives its end of the terminal."""
     master, slave = pty.openpty()
@@ -107,7 +102,8 @@ def read_until(master: int, what: bytes, seconds: float) -> bytes:
 
 
 def test_ctrl_c_keeps_the_state_and_the_next_run_goes_on_from_it(slope: Slope, call) -> None:
-    long_run(slope)
+    # Enough chunks and rocks to be interrupted in the middle.
+    slope.write_config(release__spacing_m="0.5", release__rocks_per_point="120")
     command = [*SASSGIS, "run", str(slope.config), "-o", str(slope.folder / "result")]
     master, process = started(command)
     try:
@@ -212,34 +208,32 @@ def limited(slope: Slope, **limits: int) -> subprocess.CompletedProcess[str]:
     )  # fmt: skip
 
 
-@pytest.mark.skipif(sys.platform != "linux", reason="how many files are open is known there alone")
-@pytest.mark.parametrize("most", [8, 9])
-def test_few_open_files_are_one_line_and_leave_nothing(slope: Slope, most: int) -> None:
+@pytest.mark.skipif(sys.platform != "linux", reason="limits are set in this way there alone")
+@pytest.mark.parametrize(
+    ("limits", "code", "words"),
+    [
+        ({"NOFILE": 9}, 3, "Too many open files"),
+        ({"AS": 400_000_000}, 1, "not enough memory"),
+        ({"AS": 700_000_000}, 1, "not enough memory"),
+    ],
+)
+def test_limits_of_the_system_are_one_line_and_leave_nothing(
+    slope: Slope, limits: dict[str, int], code: int, words: str
+) -> None:
     before = sorted(slope.folder.iterdir())
-    done = limited(slope, NOFILE=most)
-    assert done.returncode == 3 and "Too many open files" in done.stderr.splitlines()[-1]
+    done = limited(slope, **limits)
+    assert done.returncode == code and words in done.stderr.splitlines()[-1]
     assert "fault of sassgis" not in done.stderr and "Traceback" not in done.stderr
     assert sorted(slope.folder.iterdir()) == before
-
-
-@pytest.mark.skipif(sys.platform != "linux", reason="memory is limited in this way there alone")
-@pytest.mark.parametrize("most_mb", [400, 700])
-def test_little_memory_is_one_line(slope: Slope, most_mb: int) -> None:
-    done = limited(slope, AS=most_mb * 1_000_000)
-    assert done.returncode == 1 and "not enough memory" in done.stderr.splitlines()[-1]
-    assert "Traceback" not in done.stderr
 
 
 @pytest.mark.skipif(not os.path.exists("/dev/full"), reason="a device of Linux")
 def test_what_cannot_be_printed_is_no_fault_of_the_program(slope: Slope) -> None:
     with open("/dev/full", "w") as full:
         done = subprocess.run(
-            [*SASSGIS, "validate", str(slope.config)],
-            stdout=full,
-            stderr=subprocess.PIPE,
-            text=True,
-            check=False,
-        )
+            [*SASSGIS, "validate", str(slope.config)], stdout=full, stderr=subprocess.PIPE,
+            text=True, check=False,
+        )  # fmt: skip
     assert done.returncode == 3, done.stderr
     assert done.stderr.startswith("Error: standard output: cannot be written (")
     assert done.stderr.count("\n") == 1

@@ -101,10 +101,6 @@ def test_results_as_one_json_object(slope: Slope, printed) -> None:
     assert found["zones"] > 0 and found["output"] == str(slope.folder / "zones")
 
 
-def test_an_error_leaves_the_output_empty(tmp_path: Path, refusal) -> None:
-    refusal("validate", tmp_path / "none.toml", "--json")
-
-
 # --- schema --------------------------------------------------------------------------------------
 
 
@@ -152,8 +148,5 @@ def test_every_key_has_its_meaning_in_the_schema() -> None:
 def test_the_schema_is_written_once(tmp_path: Path, printed, refusal) -> None:
     file = tmp_path / "own.schema.json"
     printed("schema", file)
-    assert (
-        json.loads(file.read_text("utf-8"))["properties"].keys()
-        == json.loads(json.dumps(config_schema()))["properties"].keys()
-    )
+    assert json.loads(file.read_text("utf-8")) == json.loads(json.dumps(config_schema()))
     assert "--overwrite" in refusal("schema", file, code=3)

@@ -118,6 +118,9 @@ DEFECTS: dict[str, tuple[np.ndarray, dict[str, Any], dict[str, str]]] = {
     "a pit": (
         put(lambda v: spikes(v, -5.0)), {}, {"pits": "look", "depressions": "look"},
     ),
+    "no cell with known neighbours": (
+        np.where(np.indices((60, 80))[0] % 2, hills(), -9999.0), {}, {"steepness": "bad"},
+    ),
 }  # fmt: skip
 
 
@@ -126,17 +129,9 @@ def test_each_defect_has_its_verdict_and_nothing_else_has_one(name: str, tmp_pat
     values, options, wrong = DEFECTS[name]
     found = verdicts(write(tmp_path / "dem.tif", values, **options))
     found = {item: verdict for item, verdict in found.items() if verdict != "good"}
-    if name in ("no system", "wrong system", "degrees"):
+    if name in ("no system", "wrong system", "degrees", "no cell with known neighbours"):
         found = {item: verdict for item, verdict in found.items() if item in wrong}
     assert found == wrong
-
-
-def test_rows_that_are_missing_leave_no_slope(tmp_path: Path) -> None:
-    values = hills()
-    values[::2] = np.nan
-    report = check_dem(write(tmp_path / "dem.tif", values))
-    steepness = next(f for f in report.findings if f.item == "steepness")
-    assert steepness.verdict == "bad" and "no cell with known neighbours" in steepness.found
 
 
 def test_numbers_and_places_are_right(tmp_path: Path) -> None:
@@ -169,16 +164,6 @@ def test_the_page_as_text_json_and_html(tmp_path: Path, printed, refusal) -> Non
     assert terraces["numbers"]["slope_error_deg"] == pytest.approx(np.degrees(np.arctan(0.25)))
     err = refusal("dem", "check", file, "--html", tmp_path / "page.html", code=3)
     assert "exists already" in err
-
-
-def test_a_folder_of_tiles_is_one_terrain(tmp_path: Path) -> None:
-    values = hills()
-    write(tmp_path / "a.tif", values[:, :40])
-    write(tmp_path / "b.tif", values[:, 40:], transform=from_origin(WEST + 80.0, NORTH, 2.0, 2.0))
-    report = check_dem(tmp_path)
-    assert report.verdict == "good" and report.sentence == "nothing wrong was found"
-    resolution = next(f for f in report.findings if f.item == "resolution")
-    assert (resolution.numbers["rows"], resolution.numbers["columns"]) == (60, 80)
 
 
 def test_what_is_no_terrain_model_is_one_line(tmp_path: Path, refusal) -> None:

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import shapely
-from helpers.zone_slope import box, gully, place, two_areas, zoned
+from helpers.zone_slope import box, gully, place, two_areas
 from scipy import stats
 
 from sassgis.errors import InputError
@@ -28,7 +28,7 @@ def frequencies(config: Path) -> dict[tuple[str, str], float]:
     return yearly_frequencies(read, read_job(read, None, lambda _: None).run.areas)
 
 
-def test_per_hectare_goes_with_the_area_in_plan(tmp_path: Path) -> None:
+def test_frequencies_go_with_the_area_in_plan_and_the_length_of_a_line(tmp_path: Path) -> None:
     case = two_areas(tmp_path)
     case.blocks[0]["onset_unit"] = "per_year_ha"
     case.write()
@@ -36,11 +36,7 @@ def test_per_hectare_goes_with_the_area_in_plan(tmp_path: Path) -> None:
     assert found["north", "frequent"] == pytest.approx(0.4 * NORTH_M2 / 1e4, rel=1e-12)
     assert found["south", "frequent"] == pytest.approx(0.4 * SOUTH_M2 / 1e4, rel=1e-12)
     assert found["north", "rare"] == 0.03
-
-
-def test_per_metre_goes_with_the_length_of_a_line(tmp_path: Path) -> None:
-    case = two_areas(tmp_path)
-    case.blocks[1]["onset_unit"] = "per_year_m"
+    case.blocks[0]["onset_unit"], case.blocks[1]["onset_unit"] = "per_year", "per_year_m"
     case.write()
     # 6 cells south, 8 cells east; and 3-4-5 times 2 m.
     lines = [
@@ -114,16 +110,6 @@ def test_a_table_speaks_of_single_areas(tmp_path: Path) -> None:
         ("south", "frequent"): pytest.approx(12.5 * SOUTH_M2 / 1e4, rel=1e-12),
         ("south", "rare"): 0.03,
     }
-    # The rates follow in proportion, and a source of frequency 0 adds nothing.
-    plain = two_areas(tmp_path)
-    rates = zoned(plain.config, tmp_path / "plain", areas=["south"])
-    case = two_areas(tmp_path, hazard={"frequencies": "frequencies.csv"})
-    case.write_text(
-        "frequencies.csv", "area,scenario,frequency,unit", "south,frequent,0.8,per_year",
-        "south,rare,0.06,per_year",
-    )  # fmt: skip
-    twice = zoned(case.config, tmp_path / "twice", areas=["south"])
-    assert np.array_equal(twice.rate(30.0), 2.0 * rates.rate(30.0))
 
 
 # ---------------------------------------------------------------------------------------------

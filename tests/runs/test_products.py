@@ -6,7 +6,6 @@ import html
 import re
 import zipfile
 from dataclasses import dataclass
-from itertools import pairwise
 from pathlib import Path
 from xml.etree import ElementTree
 
@@ -207,39 +206,8 @@ def test_no_word_of_sheets_and_report_is_left_in_english(german: Result) -> None
     assert [text for text in texts if ENGLISH.search(text)] == []
 
 
-def centres(shape: tuple[int, int]) -> np.ndarray:
-    """Points in the middle of all cells, in the shape of the grid."""
-    rows, cols = np.indices(shape)
-    return shapely.points(*place(cols + 0.5, rows + 0.5))
-
-
-def class_at(zones: gpd.GeoDataFrame, codes: list[str], column: str, shape) -> np.ndarray:
-    """Class of the zone at the centre of each cell, 0 outside; the higher one on a border."""
-    out = np.zeros(shape, np.int64)
-    points = centres(shape)
-    for geometry, code in zip(zones.geometry, zones[column], strict=True):
-        shapely.prepare(geometry)
-        inside = shapely.intersects(geometry, points)
-        out[inside] = np.maximum(out[inside], codes.index(code) + 1)
-    return out
-
-
 def parts(zones: gpd.GeoDataFrame) -> np.ndarray:
     return shapely.get_parts(np.array(zones.geometry))
-
-
-@pytest.mark.battery
-def test_no_zone_is_below_its_cells(made: Result) -> None:
-    level = made.band("hazard_level", "level")
-    assert np.unique(level).size >= 4 and 300 < (level > 0).sum() < 0.5 * level.size
-    for name in ("hazard_zones", "hazard_area"):
-        zones = class_at(made.layer(name), LEVELS, "hazard_level", level.shape)
-        assert np.all(zones >= level), name
-    for years in PERIODS:
-        name = "extreme" if years is None else str(years)
-        cells = made.band(f"intensity_{name}", "intensity")
-        zones = class_at(made.intensity(years), INTENSITIES, "intensity_class", cells.shape)
-        assert np.all(zones >= cells), years
 
 
 def test_zones_are_valid_coverages(made: Result) -> None:
@@ -258,19 +226,6 @@ def test_zones_are_valid_coverages(made: Result) -> None:
         assert shapely.union_all(polygons).area == pytest.approx(
             shapely.area(polygons).sum(), rel=1e-12
         )
-
-
-def test_rarer_zones_contain_the_more_frequent_ones(made: Result) -> None:
-    for code in range(len(INTENSITIES)):
-        unions = []
-        for years in PERIODS:
-            zones = made.intensity(years)
-            strong = zones[zones["intensity_class"].isin(INTENSITIES[code:])]
-            unions.append(shapely.union_all(parts(strong)))
-        assert not unions[-1].is_empty
-        for frequent, rare in pairwise(unions):
-            assert frequent.difference(rare).area == pytest.approx(0.0, abs=1e-6)
-            assert frequent.area <= rare.area
 
 
 def test_zones_stay_on_known_terrain(made: Result) -> None:
@@ -328,32 +283,6 @@ def test_shares_of_sources_add_up(made: Result) -> None:
     assert np.allclose(sources["per_year_of_one_rock"], one_rock, rtol=1e-5)
 
 
-def test_risk_adds_up(made: Result) -> None:
-    if "objects" not in made.case.lists:
-        assert not (made.folder / "tables" / "risk_objects.csv").exists()
-        return
-    for suffix in ("", "_without_barriers"):
-        objects, sources, totals = (
-            made.table(f"risk_{n}{suffix}") for n in ("objects", "sources", "total")
-        )
-        assert objects["loss_per_year"].sum() > 0.0
-        for quantity in ("hits", "loss", "deaths", "vehicles_hit"):
-            column = f"{quantity}_per_year"
-            whole = totals.loc[totals["scope"] == "all", column].item()
-            assert objects[column].sum() == pytest.approx(whole, rel=1e-9)
-            assert sources[column].sum() == pytest.approx(whole, rel=1e-9)
-            for scope in ("kind", "source"):
-                own = totals.loc[totals["scope"] == scope, column].sum()
-                assert own == pytest.approx(whole, rel=1e-9)
-        classes = sum(objects[f"hits_{c}_per_year"] for c in INTENSITIES)
-        assert np.allclose(classes, objects["hits_per_year"], rtol=1e-9)
-        whole = totals[(totals["scope"] == "whole") & (totals["name"] == "lane")]
-        assert whole["objects"].item() == (objects["part_of"] == "lane").sum() == 3
-    layers = pd.concat([made.layer("risk_objects"), made.layer("risk_lines")])
-    table = made.table("risk_objects").set_index("name")["loss_per_year"]
-    assert np.allclose(layers.set_index("name")["loss_per_year"].reindex(table.index), table)
-
-
 def test_what_the_wall_changes_adds_up(made: Result) -> None:
     if "barriers" not in made.case.lists:
         assert not (made.folder / "tables" / "level_changes.csv").exists()
@@ -379,14 +308,3 @@ def test_export_in_switzerland(made: Result, tmp_path: Path, printed) -> None:
         assert f"{name} {len(made.layer(name))}" in out
         zones += len(made.layer(name))
     assert len(re.findall(r'<[^>]* TID="', text)) >= zones
-
-
-def test_export_elsewhere_is_refused(tmp_path: Path, printed, refusal) -> None:
-    """The zones are made all the same, without claiming to be federal."""
-    case, crs = two_areas(tmp_path), "EPSG:31287"
-    case.write_dem(gully(), crs=crs)
-    case.write_layer("release.gpkg", [box(4.0, 20.0, 8.0, 9.0)], {"name": ["north"]}, crs)
-    printed("zone", case.config, "-o", tmp_path / "out", "--jobs", "1")
-    err = refusal("export", tmp_path / "out", "-o", tmp_path / "z.xtf")
-    assert re.search("2056|Switzerland|LV95", err), err
-    assert not (tmp_path / "z.xtf").exists()

@@ -20,7 +20,7 @@ def released(case: Case, **areas: shapely.Geometry) -> Case:
     return case
 
 
-@pytest.mark.parametrize("path", ["followed", "fall_line"])
+@pytest.mark.parametrize("path", ["followed", pytest.param("fall_line", marks=pytest.mark.battery)])
 def test_a_band_reaches_as_much_wherever_the_lattice_lies(tmp_path: Path, path: str) -> None:
     rates = []
     # Columns of the lattice are 1.5 cells apart: on one, and between two.

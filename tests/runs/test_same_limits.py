@@ -36,11 +36,6 @@ def every_second_row_unknown(slope: Slope) -> None:
     slope.write_dem(values)
 
 
-def lines(slope: Slope) -> None:
-    slope.write_release(shapely.LineString(release_box().exterior))
-    slope.write_config(release__spacing_m="1e-9")
-
-
 def tiny_cells(slope: Slope) -> None:
     """A hundred times as small as they are, heights too."""
     slope.write_dem(1500.0 + (heights() - 1500.0) / 400, transform=from_origin(
@@ -56,12 +51,6 @@ REFUSED: dict[str, tuple[str, Callable[[Slope], None], tuple[str, ...]]] = {
         "run", lambda s: s.write_config(release__spacing_m="1e-9"),
         ("release.spacing_m", "more memory"),
     ),
-    "spacing, at random, whose square is none": (
-        "run",
-        lambda s: s.write_config(release__spacing_m="1e-300", release__placement='"random"'),
-        ("release.spacing_m", "more memory"),
-    ),
-    "spacing along lines": ("run", lines, ("release.spacing_m", "more memory")),
     "rows without heights": (
         "run", every_second_row_unknown, ("release.file", "no block", "none on known terrain"),
     ),

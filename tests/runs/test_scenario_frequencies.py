@@ -95,16 +95,10 @@ def test_tables_that_cannot_be_read(tmp_path: Path, refusal, text: str, line: st
 @pytest.mark.parametrize(
     "options",
     [
-        ("--scenarios", "1"),
-        ("--scenarios", "1,0.5"),
-        ("--scenarios", "0.01,1"),
-        ("--scenarios", "1,2000"),
-        ("--scenarios", "a,b"),
+        *(("--scenarios", limits) for limits in ("1", "1,0.5", "0.01,1", "1,2000", "a,b")),
         ("--years", "3", "--rate", "3"),
         ("--area-ha", "3", "--length-m", "3"),
-        ("--years", "0"),
-        ("--years", "nan"),
-        ("--rate", "inf"),
+        *(("--years", value) for value in ("0", "nan", "inf")),
     ],
 )
 def test_options_that_cannot_be_used(table: Path, refusal, options: tuple[str, ...]) -> None:
