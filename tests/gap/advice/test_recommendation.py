@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from sassgis.gap.advice import recommendation
 from sassgis.gap.advice.recommendation import (
     first_sentence,
     model_gaps,
@@ -17,6 +18,12 @@ from sassgis.gap.advice.recommendation import (
 from sassgis.gap.diagnosis import Advice, GroundSetting, ModelGap, Rung
 from sassgis.gap.fit.site_data import SiteData, model_rows
 from sassgis.gap.forward.hypothesis_model import configured_model
+
+
+@pytest.fixture(autouse=True)
+def few_samples(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Intervals are a bit rough."""
+    monkeypatch.setattr(recommendation, "GAP_SAMPLES", 199)
 
 
 def gap(size: float, half: float, statistic: str = "median", **changes: object) -> ModelGap:

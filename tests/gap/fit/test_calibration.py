@@ -88,6 +88,7 @@ def test_intervals_hold_the_parameters_that_the_rocks_were_released_with() -> No
     assert eta.limit == "" and found.combinations >= 1
 
 
+@pytest.mark.battery
 def test_the_error_on_rocks_left_out_is_that_of_rocks_never_seen() -> None:
     found = recovered()
     new = site(80, 12, table_with("debris", **TRUTH))

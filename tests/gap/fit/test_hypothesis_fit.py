@@ -23,7 +23,7 @@ def fitted(problem: SiteData, effect: str, draws: int = 32) -> FittedHypothesis:
 
 @pytest.fixture(scope="module")
 def base(problem: SiteData) -> FittedHypothesis:
-    return fitted(problem, NONE)
+    return fitted(problem, NONE, 8)
 
 
 @pytest.mark.battery

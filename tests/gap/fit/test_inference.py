@@ -126,18 +126,18 @@ def test_bootstrap_over_rocks_covers_where_one_over_rows_does_not():
     rock = np.repeat(np.arange(25), 6)
     rows_alone = np.arange(rock.size)
     inside = np.zeros(2)
-    for _ in range(120):
+    for _ in range(80):
         data = rng.normal(size=25)[rock] + 0.3 * rng.normal(size=rock.size)
         for k, unit in enumerate((rock, rows_alone)):
             found = bootstrap_interval(
                 lambda rows, data=data: data[rows].mean(),
                 unit,
-                draws=200,
+                draws=100,
                 rng=rng,
             )
             inside[k] += found.low <= 0.0 <= found.high
-    assert inside[0] / 120 > 0.85
-    assert inside[1] / 120 < 0.75
+    assert inside[0] / 80 > 0.85
+    assert inside[1] / 80 < 0.75
 
 
 def test_bootstrap_of_one_rock_has_no_limits():

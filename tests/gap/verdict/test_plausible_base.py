@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-import pytest
-
-from sassgis.gap.constants import REPLICATES
 from sassgis.gap.fit.hypothesis_fit import CONTACT_LAW, HypothesisDraw, HypothesisFits
 from sassgis.gap.fit.linear_fit import summary_of
 from sassgis.gap.fit.site_data import SiteData
@@ -13,14 +10,12 @@ from sassgis.gap.verdict.verdict import adequate, large_gaps
 from sassgis.simulation.workers import task_map
 
 
-@pytest.mark.parametrize("jobs", [1, 2])
-def test_one_right_model_is_enough(problem: SiteData, jobs: int) -> None:
+def test_one_right_model_is_enough(problem: SiteData) -> None:
     # The middle of all ranges is the configured ground, with which the rocks were released.
     right, *wrong = (
-        HypothesisDraw(CONTACT_LAW, {"law.eta_max": share}, 0, REPLICATES)
-        for share in (0.5, 0.25, 0.75)
+        HypothesisDraw(CONTACT_LAW, {"law.eta_max": share}, 0, 8) for share in (0.5, 0.25, 0.75)
     )
-    with task_map(summary_of(problem), jobs) as run:
+    with task_map(summary_of(problem), 1) as run:
         made = HypothesisFits(summary_of(problem), run, 8)
         assert first_adequate(made, wrong) is None
         left = first_adequate(made, [*wrong, right, right])
