@@ -350,9 +350,8 @@ def safety_kills() -> str:
     return table(
         "command | kills | with a saved state | workers left | half results | other bytes",
         (
-            "`{command}` | {kills} | {kept} | {orphans} | {half} | {} files".format(
-                len(one["different"]), **one
-            )
+            f"`{one['command']}` | {one['kills']} | {one['kept']} | {one['orphans']} | "
+            f"{one['half']} | {len(one['different'])} files"
             for one in results("safety/kills")
         ),
     )
@@ -606,16 +605,15 @@ def kinematics_wheel() -> str:
     """A block of 780 kg below the cliff of Chant Sura, published and simulated."""
     found = results("kinematics/results")
     made = found["chant_sura"]
-    kinds = (("speed (m/s)", "speed", "translational speed", 1.0, 1),
-             ("spin (Hz)", "spin", "spin", 1.0 / 360.0, 1))  # fmt: skip
     rows = []
-    for name, key, quantity, factor, digits in kinds:
+    for name, quantity, factor in (
+        ("speed (m/s)", "translational speed", 1.0), ("spin (Hz)", "spin", 1.0 / 360.0),
+    ):  # fmt: skip
         (seen,) = (r for r in found["published"] if r["quantity"].startswith(quantity))
         middle, rest = seen["value"].split(" (", 1)
         low, high = rest.split(";")[0].rstrip(")").split("-")
-        values = [factor * float(v) for v in (low, middle, high)]
-        cells = (" / ".join(f"{v:.{digits}f}" for v in own) for own in (values, made[key]))
-        rows.append(f"{name} | {' | '.join(cells)}")
+        cells = ([factor * float(v) for v in (low, middle, high)], made[name.split(" ")[0]])
+        rows.append(f"{name} | {' | '.join(' / '.join(f'{v:.1f}' for v in own) for own in cells)}")
     rim = " / ".join(f"{v:.2f}" for v in made["rim over speed"])
     rows.append(f"spin × largest radius / speed | 0.58 to 0.80 (4 contacts) | {rim}")
     height = " / ".join(f"{v:.1f}" for v in made["height"])
