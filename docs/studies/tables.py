@@ -42,11 +42,16 @@ def minus(text: str) -> str:
 
 
 def discretisation(slope: str) -> str:
-    """Pooled results over the tolerances, with the interval at the default."""
+    """Results over the tolerances, with the interval: run-outs, energies and heights far down.
+
+    Blocks on the two profiles leave at the lower end, so their run-outs say nothing.
+    """
     found = rows_of("discretisation/summary")
     found = found[found["slope"] == slope]
     lengths = found.groupby("tolerance_m")["segment_length_m"].first()
     rows = [" | ".join(["*segment length (m)*", *(f"*{v:.1f}*" for v in lengths), ""])]
+    left_out = "arrivals|run-out 25 %| at 60 m " if slope == "valley" else "arrivals|run-out"
+    found = found[~found["quantity"].str.contains(left_out)]
     for quantity, own in found.groupby("quantity", sort=False):
         half = 0.5 * (own["high_95"] - own["low_95"]).max()
         rows.append(" | ".join([quantity, *map(rounded, own["value"]), f"± {rounded(half, 2)}"]))
@@ -71,34 +76,50 @@ def discretisation_lines() -> str:
 def discretisation_splitting() -> str:
     """Polylines with divided segments against the original ones."""
     row = (
-        "{slope} | {parts} | {same_rocks_percent:.0f} % | {mean_change_m:+.2f} ± "
-        "{standard_error_m:.2f} | {D_same_seed:.3f} | {p_other_seed:.3f} | "
-        "{p_other_seed_unsplit:.3f}"
+        "{slope} | {parts} | {same_rocks_percent:.0f} % | {mean_change_m:+.2f} m | "
+        "{D_same_seed:.3f} | {p_other_seed:.3f}"
     )
+    found = rows_of("discretisation/splitting")
+    most = found.loc[found.groupby("slope", sort=False)["parts"].idxmax()]
     return table(
-        "slope | parts | same rocks | mean change (m) | D, same draws | p, other draws | p, uncut",
-        map(row.format_map, rows_of("discretisation/splitting").to_dict("records")),
+        "slope | parts | same blocks | mean change | D, same draws | p, other draws",
+        map(row.format_map, most.to_dict("records")),
     )
+
+
+#: Where the modelling assumptions change most, by slope and quantity.
+MOST_CHANGED = (("valley", "run-out"), ("valley", "energy at"), ("bedrina", "energy at"))
 
 
 def convergence(kind: str) -> str:
-    """Numerical tolerances, or modelling assumptions, against the base."""
+    """Numerical tolerances, or modelling assumptions, against the base: a row for each change."""
     found = rows_of("convergence/convergence")
     place = ["slope", "quantity"]
     base = found.loc[found["kind"] == "base", [*place, "median", "q95"]]
     found = found[found["kind"] == kind].merge(base, "left", place, suffixes=("", "_base"))
-    for q in ("median", "q95"):
-        found[q] = 100.0 * (found[q] / found[f"{q}_base"] - 1.0)
-    row = (
-        "{variant} | {slope} | {quantity} | {median:+.1f} % | {q95:+.1f} % | "
-        "{same_rocks_percent:.0f} % | {D_same_draws:.3f} | {D_other_draws:.3f} | "
-        "{p_other_draws:.2g}"
-    )
-    return table(
-        "change | slope | quantity | median | 95 % | same rocks | D, same draws | D, other draws | "
-        "p",
-        map(row.format_map, found.to_dict("records")),
-    )
+    shifts = ["median", "q95"]
+    for q in shifts:
+        found[q] = found[q] / found[f"{q}_base"] - 1.0
+    rows = []
+    for variant, own in found.groupby("variant", sort=False):
+        changed = variant.replace(" halved", "")
+        same = own.groupby("slope")["same_rocks_percent"].first()
+        cells = [changed, f"{same['valley']:.0f} / {same['bedrina']:.0f} %"]
+        if kind == "assumption":
+            for slope, quantity in MOST_CHANGED:
+                (one,) = own.loc[
+                    (own["slope"] == slope) & own["quantity"].str.startswith(quantity), shifts
+                ].to_numpy()
+                cells.append(" / ".join(map(percent, one)))
+        else:
+            cells.append(f"{100.0 * own[shifts].abs().to_numpy().max():.1f} %")
+            cells.append(f"{own['D_same_draws'].max():.3f}")
+        cells += [f"{own['D_other_draws'].max():.3f}", f"{own['p_other_draws'].min():.2g}"]
+        rows.append(" | ".join(cells))
+    middle = "largest change | D, same draws"
+    if kind == "assumption":
+        middle = "run-out, valley | energy, valley | energy, Bedrina"
+    return table(f"change | same blocks | {middle} | D, other draws | least p", rows)
 
 
 def percent(share: float) -> str:
@@ -134,8 +155,8 @@ def field_untuned() -> str:
     rows = []
     for key, label in (
         ("built_in", "`{own}`"),
-        ("class_of_the_other_site", "`{other}`, not fitted here"),
-        ("readings_and_classes_1986", "readings and classes of 1986"),
+        ("class_of_the_other_site", "`{other}`"),
+        ("readings_and_classes_1986", "assumptions and classes of 1986"),
     ):
         for name, one in results("field/results")[key].items():
             errors = zip(one["error"][1:], one["error_95"][1:], strict=True)
@@ -144,14 +165,14 @@ def field_untuned() -> str:
             beyond = one["beyond"]
             observed, simulated = (100.0 * beyond[side] for side in ("observed", "simulated"))
             rows.append(
-                f"{class_label(name, label)} | {one['rocks']} | {metres(one['observed_m'])} | "
+                f"{class_label(name, label)} | {metres(one['observed_m'])} | "
                 f"{metres(one['simulated_m'])} | {middle} | {far} | {width} | "
-                f"{one['crps_m']:.1f} m | {beyond['edge_m']:.0f} m: {observed:.0f} / "
-                f"{simulated:.0f} % | {100.0 * one['left_the_terrain']:.0f} %"
+                f"{beyond['edge_m']:.0f} m: {observed:.0f} / {simulated:.0f} % | "
+                f"{100.0 * one['left_the_terrain']:.0f} %"
             )
     return table(
-        "site, class of the slope | rocks | observed 10 / 50 / 90 % (m) | simulated | median | "
-        "90 % | width | CRPS | stopped beyond | left the terrain",
+        "site, class of the slope | observed 10 / 50 / 90 % (m) | simulated | median | 90 % | "
+        "width | stopped beyond | left the terrain",
         rows,
     )
 
@@ -159,7 +180,7 @@ def field_untuned() -> str:
 def field_site_bands() -> str:
     """Bands by the spread of classes between sites, beside what was observed."""
     rows = []
-    for kind, label in (("own", "`{own}`"), ("other", "`{other}`, not fitted here")):
+    for kind, label in (("own", "`{own}`"), ("other", "`{other}`")):
         for name, one in results("field/results")["bands_of_classes"][kind].items():
             cells = [class_label(name, label)]
             for own in one.values():
@@ -174,7 +195,10 @@ def field_site_bands() -> str:
 
 
 def field_left_out() -> str:
-    """Errors on rocks left out, over random halves, and at the other site."""
+    """Errors on rocks left out, over random halves, and at the other site.
+
+    Errors of the configured classes stand there only where others were recommended.
+    """
     rows = []
     for name, one in results("field/results")["held_out"].items():
         labels = {
@@ -183,14 +207,15 @@ def field_left_out() -> str:
             "halves_observed": "*observed halves against each other*",
             **{key: key.removeprefix("at ") + ", all rocks" for key in one if key[:3] == "at "},
         }
+        if one["left_out_configured"] == one["left_out"]:
+            del labels["left_out_configured"]
         for key, label in labels.items():
             cells = []
             for measure in ("median", "q90", "width"):
                 low, middle, high = one[key][measure]["quantiles"]
-                rms = 100.0 * one[key][measure]["rms"]
-                cells.append(f"{error_95(middle, [low, high])}, rms {rms:.0f} %")
-            rows.append(" | ".join([f"{name}, {one['halves']} halves", label, *cells]))
-    return table("fitted on | scored on | median | 90 % | width", rows)
+                cells.append(percent(middle) if low == high else error_95(middle, [low, high]))
+            rows.append(" | ".join([name, label, *cells]))
+    return table("fitted at | scored on | median | 90 % | width", rows)
 
 
 def field_gain() -> str:
@@ -203,19 +228,24 @@ def field_gain() -> str:
         chosen = f"{one['fitted_classes_recommended']} of {one['halves']}"
         rows.append(f"{name} | {stated} | {found} | {chosen}")
     return table(
-        "site | gain stated by `calibrate`, 10 / 50 / 90 % of the halves (CRPS, m) | "
-        "gain on the other half (CRPS, m) | fitted classes recommended",
+        "site | stated gain, 10 / 50 / 90 % of the halves (CRPS, m) | on the other half | "
+        "fitted classes recommended",
         rows,
     )
 
 
 def field_bands() -> str:
-    """How many rocks lie in the bands of their own simulations."""
+    """How many rocks lie in the bands of their own simulations.
+
+    The configured classes have rows for rocks left out only where others were recommended.
+    """
     found = results("field/results")
     bands = {f"{n}, built-in classes": one["bands"] for n, one in found["built_in"].items()}
     for name, one in found["held_out"].items():
-        bands[f"{name}, calibrated, rocks left out"] = one["bands"]["left_out"]
-        bands[f"{name}, the same, as configured"] = one["bands"]["left_out_configured"]
+        own = one["bands"]
+        bands[f"{name}, calibrated, rocks left out"] = own["left_out"]
+        if own["left_out_configured"] != own["left_out"]:
+            bands[f"{name}, the same, as configured"] = own["left_out_configured"]
     rows = []
     for label, own in bands.items():
         cells = [
@@ -281,28 +311,35 @@ def field_published() -> str:
 
 def field_parameters() -> str:
     """What calibrations on all rocks of a site say of the parameters."""
-    rows = []
+    cells: dict[str, dict[str, str]] = {}
     for one in results("field/results")["parameters"]:
-        notes = {"identified": one["identified"], "at a limit": one["at_limit"]}
-        said = ", ".join(note for note, there in notes.items() if there)
         low, high = (rounded(v, 2) for v in one["ci95"])
-        rows.append(
-            f"{one['site']}: `{one['class']}` | `{one['parameter']}` | "
-            f"{rounded(one['configured'], 2)} | {rounded(one['value'], 2)} | {low} to {high} | "
-            f"{said}"
-        )
-    return table("site and class | parameter | shipped | best | 95 % | ", rows)
+        best = rounded(one["value"], 2)
+        text = f"{rounded(one['configured'], 2)}: {best} ({low} to {high})"
+        text += ", at a limit" if one["at_limit"] else ""
+        column = f"{one['site']}, `{one['class']}`"
+        shown = f"**{text}**" if one["identified"] else text
+        cells.setdefault(f"`{one['parameter']}`", {})[column] = shown
+    columns = list(dict.fromkeys(column for own in cells.values() for column in own))
+    return table(
+        " | ".join(["", *columns]),
+        (" | ".join([name, *(own.get(c, "") for c in columns)]) for name, own in cells.items()),
+    )
 
 
 def field_widths() -> str:
-    """Errors against what turns the heading."""
+    """Errors of the width against what turns the heading: a column for each drift."""
     found = results("field/results")["widths"]
     names = [name for name, own in found[0].items() if isinstance(own, dict)]
-    rows = []
+    cells: dict[str, dict[str, str]] = {}
     for one in found:
-        cells = [f"{percent(one[n]['width_error'])}, {percent(one[n]['error'][1])}" for n in names]
-        rows.append(" | ".join([f"{one['side_tilt_deg']:g}°", f"{one['drift_deg']:g}°", *cells]))
-    return table(" | ".join(["side tilt", "drift", *(f"{n}: width, median" for n in names)]), rows)
+        both = " / ".join(percent(one[name]["width_error"]).removesuffix(" %") for name in names)
+        cells.setdefault(f"{one['side_tilt_deg']:g}°", {})[f"{one['drift_deg']:g}°"] = both
+    drifts = list(dict.fromkeys(drift for own in cells.values() for drift in own))
+    head = [f"side tilt; {' / '.join(names)} (%)", *(f"drift {drift}" for drift in drifts)]
+    return table(
+        " | ".join(head), (" | ".join([tilt, *own.values()]) for tilt, own in cells.items())
+    )
 
 
 CONTACTS = ("r_n", "r_t", "energy_kept", "spin_share")
@@ -331,12 +368,11 @@ def contacts_filmed() -> str:
 
 
 def contacts_program() -> str:
-    """Contacts of the discrete-element program by ground and normal speed."""
+    """Contacts of the discrete-element program by ground and normal speed: medians."""
     rows = []
     for one in results("contacts/results")["by_speed"]:
         cells = [
-            f"{low_mid_high(one['observed'][key])}; {one['simulated'][key][1]:.2f}"
-            for key in CONTACTS
+            f"{one['observed'][key][1]:.2f} / {one['simulated'][key][1]:.2f}" for key in CONTACTS
         ]
         speeds = span(one["vn_mps"], "g")
         rows.append(" | ".join([one["ground"], speeds, str(one["contacts"]), *cells]))
@@ -350,22 +386,26 @@ def safety_kills() -> str:
     return table(
         "command | kills | with a saved state | workers left | half results | other bytes",
         (
-            "`{command}` | {kills} | {kept} | {orphans} | {half} | {} files".format(
-                len(one["different"]), **one
-            )
+            f"`{one['command']}` | {one['kills']} | {one['kept']} | {one['orphans']} | "
+            f"{one['half']} | {len(one['different'])} files"
             for one in results("safety/kills")
         ),
     )
 
 
 def safety_fuzz() -> str:
-    """What readers do with damaged files."""
+    """What readers do with damaged files: those that failed, the others together, all."""
     found = pd.DataFrame(results("safety/fuzz")["verdicts"]).T.fillna(0).astype(int)
-    found.loc["all"] = found.sum()
+    failed = found.sum(axis=1) > found["refused"] + found["read"]
+    others = found[~failed]
+    names = ", ".join(f"`{name}`" for name in others.index)
+    shown = found[failed]
+    shown = pd.concat([others.sum().rename(names).to_frame().T, shown])
+    shown.loc["all"] = found.sum()
     rows = []
-    for kind, own in found.iterrows():
-        failed = own.sum() - own["refused"] - own["read"]
-        rows.append(f"{kind} | {own.sum():,} | {own['refused']:,} | {own['read']:,} | {failed:,}")
+    for kind, own in shown.iterrows():
+        bad = own.sum() - own["refused"] - own["read"]
+        rows.append(f"{kind} | {own.sum():,} | {own['refused']:,} | {own['read']:,} | {bad:,}")
     return table("reader | files | refused in one line | read | failed", rows)
 
 
@@ -381,8 +421,8 @@ SLOPES = {
     "plain": "plain, fall lines",
     "rough": "rough, fall lines",
     "followed": "plain, followed paths",
-    "plain_1986": "plain, fall lines, readings of 1986",
-    "followed_1986": "plain, followed paths, readings of 1986",
+    "plain_1986": "plain, fall lines, assumptions of 1986",
+    "followed_1986": "plain, followed paths, assumptions of 1986",
 }
 
 
@@ -390,8 +430,8 @@ def speed_slope() -> str:
     """Blocks per second on the benchmark slope, and walks of SAGA."""
     row = (
         "{label} | {trajectories_per_s_and_core:,.0f} | {further_trajectories_per_s:,.0f} | "
-        "{walks:,.0f} ({ratio_whole:.1f}) | {saga[walks_per_s]:,.0f} ({ratio_further:.1f}) | "
-        "{first_call_compiling_s:.0f} | {first_call_from_cache_s:.1f} | {peak_mb:.0f}"
+        "{walks:,.0f} ({ratio_whole:.1f}) | {first_call_compiling_s:.0f} / "
+        "{first_call_from_cache_s:.1f} | {peak_mb:.0f}"
     )
     rows = []
     for name, label in SLOPES.items():
@@ -400,22 +440,23 @@ def speed_slope() -> str:
         walks = one["saga"]["walks"] / seconds[len(seconds) // 2]
         rows.append(row.format(label=label, walks=walks, **one))
     return table(
-        "slope | blocks/s, whole | without set-up | SAGA, walks/s, whole | without set-up | "
-        "first call, compiling (s) | from the cache (s) | memory (MB)",
+        "slope | blocks/s, whole | without set-up | SAGA, walks/s | "
+        "first call, compiling / from the cache (s) | memory (MB)",
         rows,
     )
 
 
 def speed_together() -> str:
-    """One area on several threads and processes."""
-    row = "{label} | {count} {workers} | {rocks_per_wall_s:,.0f} | {wall_s:.1f} | {cpu_s:.1f}"
+    """Blocks per second of one area on several threads and processes."""
+    cells: dict[str, dict[str, str]] = {}
+    for name, label in SLOPES.items():
+        for one in results(f"speed/{name}")["together"]:
+            column = f"{one['workers']}: {one['count']}"
+            cells.setdefault(label, {})[column] = f"{one['rocks_per_wall_s']:,.0f}"
+    columns = list(dict.fromkeys(column for own in cells.values() for column in own))
     return table(
-        "slope | workers | blocks/s, whole | whole (s) | processor time (s)",
-        (
-            row.format(label=label, **one)
-            for name, label in SLOPES.items()
-            for one in results(f"speed/{name}")["together"]
-        ),
+        " | ".join(["slope; blocks/s", *columns]),
+        (" | ".join([label, *(own[c] for c in columns)]) for label, own in cells.items()),
     )
 
 
@@ -520,21 +561,20 @@ def sampling() -> str:
     ]
     cells[0] = f"cells, {100 * found['classes'][0][0]:g} % and more"
     far = [f"distance of {100 * share:g} %" for share in found["far"]]
-    rows = []
+    spread, bounds = [], []
     for one in found["rows"]:
-        gains = zip(one["gain"], one["error"], strict=True)
-        shown = " | ".join(f"{gain:.2f} ± {error:.2f}" for gain, error in gains)
-        rows.append(
-            f"{one['site']} | {one['design']} | {one['time']:.2f} | {shown} | {one['reach'][1]:.2f}"
-        )
-    # Of four copies the variance is s + (1 − s)/4, s being the share of what is drawn at the start.
-    for one in found["rows"]:
+        label = f"{one['site']} | {one['design']} | {one['time']:.2f} | "
         if one["design"] == "split at the start into 4":
+            # Of four copies the variance is s + (1 − s)/4, s: share of what is drawn at the start.
             shares = [max(4.0 * v - 1.0, 0.0) / 3.0 for v in one["variance"]]
-            bounds = " | ".join(f"{1.0 / (1.0 - share):.2f}" for share in shares)
-            rows.append(f"{one['site']} | any spreading at the start, at most | 1 | {bounds} | –")
-    shown = " | ".join([*cells, *far])
-    return table(f"terrain | sampling | time | {shown} | blocks beyond the distance of 1 %", rows)
+            most = " | ".join(f"{1.0 / (1.0 - share):.2f}" for share in shares)
+            bounds.append(f"{one['site']} | any spreading at the start, at most | 1 | {most}")
+        elif one["design"] != "plain":
+            spread.append(label + " | ".join(f"{gain:.2f}" for gain in one["gain"]))
+    errors = zip(*(one["error"] for one in found["rows"]), strict=True)
+    largest = " | ".join(f"± {max(own):.2f}" for own in errors)
+    rows = [*spread, *bounds, f" | *standard error, at most* |  | {largest}"]
+    return table(f"terrain | sampling | time | {' | '.join([*cells, *far])}", rows)
 
 
 def sampling_decided() -> str:
@@ -552,11 +592,17 @@ def sampling_decided() -> str:
     )
 
 
+#: The only block of 40 kg.
+PLATE = "run-out of 40 kg"
+
+
 def kinematics_tschamut() -> str:
-    """Motion at Tschamut, observed and simulated."""
+    """Motion at Tschamut, observed and simulated: all rocks, and the run-out of the plate."""
     rows = []
     found = results("kinematics/results")
     for name, one in found["tschamut"].items():
+        if " of " in name and name != PLATE:
+            continue
         seen, made = one["observed"], one["simulated"]
         digits = 1 if name.startswith(("speed", "greatest")) else 2
         digits = 0 if name.startswith(("run-out", "contacts")) else digits
@@ -565,10 +611,7 @@ def kinematics_tschamut() -> str:
             f"{name}{_UNITS.get(name.split(' ')[0], '')} | {' | '.join(cells)} | {_off(one)} | "
             f"{_off(found['ellipses_of_boxes'][name])}"
         )
-    head = (
-        "10 / 50 / 90 % of the rocks | observed | simulated | median / 90 % | "
-        "as the ellipses of their boxes"
-    )
+    head = "10 / 50 / 90 % | observed | simulated | error, median / 90 % | without outline"
     return table(head, rows)
 
 
@@ -595,27 +638,41 @@ def kinematics_halves() -> str:
         "one half": found["half"]["fit"], "the other half": found["half"]["left_out"],
         "the other half, class fitted to the first": found["fitted_to_a_half"]["left_out"],
     }  # fmt: skip
-    kinds = ("speed", "energy", "height")
-    at_stations = [f"{kind} {at} m" for kind in kinds for at in (20, 40, 60)]
-    names = ["run-out", *at_stations, "contacts", "greatest speed"]
-    rows = (f"{name} | {' | '.join(_off(one[name]) for one in sets.values())}" for name in names)
-    return table(f"median / 90 %, error | {' | '.join(sets)}", rows)
+    kinds = {
+        "run-out": ["run-out"],
+        **{
+            f"{kind} at 20 / 40 / 60 m": [f"{kind} {at} m" for at in (20, 40, 60)]
+            for kind in ("speed", "energy", "height")
+        },
+        "contacts": ["contacts"],
+    }
+    rows = []
+    for label, names in kinds.items():
+        for k, share in ((1, "median"), (2, "90 %")):
+            cells = (
+                " / ".join(
+                    percent(one[n]["simulated"][k] / one[n]["observed"][k] - 1).removesuffix(" %")
+                    for n in names
+                )
+                for one in sets.values()
+            )
+            rows.append(f"{label}, {share} | {' | '.join(cells)}")
+    return table(f"error (%) | {' | '.join(sets)}", rows)
 
 
 def kinematics_wheel() -> str:
     """A block of 780 kg below the cliff of Chant Sura, published and simulated."""
     found = results("kinematics/results")
     made = found["chant_sura"]
-    kinds = (("speed (m/s)", "speed", "translational speed", 1.0, 1),
-             ("spin (Hz)", "spin", "spin", 1.0 / 360.0, 1))  # fmt: skip
     rows = []
-    for name, key, quantity, factor, digits in kinds:
+    for name, quantity, factor in (
+        ("speed (m/s)", "translational speed", 1.0), ("spin (Hz)", "spin", 1.0 / 360.0),
+    ):  # fmt: skip
         (seen,) = (r for r in found["published"] if r["quantity"].startswith(quantity))
         middle, rest = seen["value"].split(" (", 1)
         low, high = rest.split(";")[0].rstrip(")").split("-")
-        values = [factor * float(v) for v in (low, middle, high)]
-        cells = (" / ".join(f"{v:.{digits}f}" for v in own) for own in (values, made[key]))
-        rows.append(f"{name} | {' | '.join(cells)}")
+        cells = ([factor * float(v) for v in (low, middle, high)], made[name.split(" ")[0]])
+        rows.append(f"{name} | {' | '.join(' / '.join(f'{v:.1f}' for v in own) for own in cells)}")
     rim = " / ".join(f"{v:.2f}" for v in made["rim over speed"])
     rows.append(f"spin × largest radius / speed | 0.58 to 0.80 (4 contacts) | {rim}")
     height = " / ".join(f"{v:.1f}" for v in made["height"])
@@ -624,29 +681,35 @@ def kinematics_wheel() -> str:
 
 
 def kinematics_slopes() -> str:
-    """Speeds and heights on even slopes by class and size."""
-    rows = []
+    """95 % of speeds and heights on even slopes: a row for each class and size."""
+    cells: dict[str, list[tuple[float, float]]] = {}
+    slopes = []
     for one in results("kinematics/results")["slopes"]:
         if one["drop_m"] == 200.0:
-            speed, height = one["speed"], one["height"]
-            rows.append(
-                f"{one['class']} | {one['volume_m3']:g} | {one['slope_deg']:.0f}° | "
-                f"{speed[0]:.0f} / {speed[1]:.0f} | {height[0]:.1f} / {height[1]:.1f}"
-            )
-    head = "class | volume (m³) | slope | speed, 50 / 95 % (m/s) | height, 50 / 95 % (m)"
-    return table(head, rows)
+            own = cells.setdefault(f"{one['class']} | {one['volume_m3']:g}", [])
+            own.append((one["speed"][1], one["height"][1]))
+            slopes.append(f"{one['slope_deg']:.0f}°")
+    at = " / ".join(dict.fromkeys(slopes))
+    rows = []
+    for label, own in cells.items():
+        speeds, heights = zip(*own, strict=True)
+        lists = (
+            " / ".join(f"{v:.0f}" for v in speeds),
+            " / ".join(f"{v:.1f}" for v in heights),
+        )
+        rows.append(" | ".join([label, *lists]))
+    return table(f"class | volume (m³) | speed at {at} (m/s) | height (m)", rows)
 
 
 def kinematics_fan() -> str:
-    """Shadow angles below a cliff by class and size."""
-    return table(
-        "class | volume (m³) | least / 5 / 50 % (degrees)",
-        (
-            f"{one['class']} | {one['volume_m3']:g} | "
-            + " / ".join(f"{v:.1f}" for v in one["angle_deg"])
-            for one in results("kinematics/results")["fan"]
-        ),
-    )
+    """Shadow angles below a cliff: a row for each class, a column for each size."""
+    cells: dict[str, dict[str, str]] = {}
+    for one in results("kinematics/results")["fan"]:
+        angles = " / ".join(f"{v:.1f}" for v in one["angle_deg"])
+        cells.setdefault(one["class"], {})[f"{one['volume_m3']:g} m³"] = angles
+    sizes = next(iter(cells.values()))
+    head = " | ".join(["class; least / 5 / 50 % (degrees)", *sizes])
+    return table(head, (" | ".join([name, *own.values()]) for name, own in cells.items()))
 
 
 def tirol() -> str:
