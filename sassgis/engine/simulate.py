@@ -253,20 +253,20 @@ def moving_axes(axes: FloatArray, settings: EngineSettings) -> FloatArray:
 
 def setup_of(
     table: GroundTable, blocks: BlockPopulation | Sequence[BlockPopulation],
-    settings: EngineSettings, lines: Sequence[ControlLine], effects: EffectSettings,
+    settings: EngineSettings, *, lines: Sequence[ControlLine], effects: EffectSettings,
     first_rock: int, n_blocks: int, seed: int,
 ) -> Setup:  # fmt: skip
     """Return the setup common to the blocks of all lines, as the kernel takes it."""
     populations = [blocks] if isinstance(blocks, BlockPopulation) else blocks
     settings = settings.resolved()
     return Setup(
-        ground_of(effects, table.with_rolling_threshold(settings.rolling_threshold)),
-        np.stack([population.limits() for population in populations]),
-        physics_of(settings),
-        control_line_table(lines),
-        np.uint64(seed),
-        first_rock,
-        n_blocks,
+        grounds=ground_of(effects, table.with_rolling_threshold(settings.rolling_threshold)),
+        limits=np.stack([population.limits() for population in populations]),
+        physics=physics_of(settings),
+        control_lines=control_line_table(lines),
+        seed=np.uint64(seed),
+        first_rock=first_rock,
+        n_blocks=n_blocks,
     )
 
 
@@ -428,8 +428,9 @@ def simulate(
     cells, local = _cells_of(profiles)
     lines = _lines(profiles, local, forest, crossings)
     setup = setup_of(
-        table, blocks, settings, crossings.control_lines, effects, first_rock, rocks_per_line, seed
-    )
+        table, blocks, settings, lines=crossings.control_lines, effects=effects,
+        first_rock=first_rock, n_blocks=rocks_per_line, seed=seed,
+    )  # fmt: skip
     centres, disks = _disks(window, cells)
 
     def ground(n_cells: int) -> tuple[Totals, Lines, None, None]:
