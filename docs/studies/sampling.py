@@ -244,8 +244,9 @@ class Points:
         register = empty_register(run.heights.shape, ROOM, None, ObjectCells.none())
         self.path = path_of(terrain, run.engine, register, points)
         self.setup = setup_of(
-            run.table, self.blocks, run.engine, (), run.effects, 0, BLOCKS, run.seed
-        )
+            run.table, self.blocks, run.engine, lines=(), effects=run.effects, first_rock=0,
+            n_blocks=BLOCKS, seed=run.seed,
+        )  # fmt: skip
         self.site = room_ahead(self.setup.grounds)
         self.output = Output(
             np.zeros(1, np.dtype((np.record, PASSAGE_DTYPE))), empty_work(ROOM, False),

@@ -168,12 +168,6 @@ def _within_reach(
     return first
 
 
-@inlined
-def _same_time(surface: float, a: float, tolerance: float) -> float:
-    """Return contacts closer in time than this are at the same time (s)."""
-    return (2.0 * tolerance + 1e-9 * a) / surface if surface > 0.0 else 0.0
-
-
 @lean
 def next_contact(
     flying: Flying, start: float, end: float, tolerance: float, profile: Table, near: int,
@@ -199,7 +193,8 @@ def next_contact(
     step = 1 if vx >= 0.0 else -1
     still = abs(vx) < 1e-9
     surface = abs(vx) + abs(flying.vz) + abs(flying.omega) * flying.a
-    same = _same_time(surface, flying.a, tolerance)
+    # Contacts closer in time than this are at the same time (s).
+    same = (2.0 * tolerance + 1e-9 * flying.a) / surface if surface > 0.0 else 0.0
     # The edge over which it has just gone.
     edge = -1 if skip_to < 0 else skip_to + (1 if step > 0 else 0)
     best = _no_contact(end)

@@ -73,11 +73,11 @@ def with_outline(block: Block, physics: Physics) -> Block:
 
 
 @lean
-def with_inertia(block: Block, own: float) -> Block:
-    """Return the block with another moment of inertia per unit mass (m²)."""
+def changed(block: Block, own: float, drag: float) -> Block:
+    """Return the block with another moment of inertia per unit mass (m²) and rolling friction."""
     return Block(
         block.a, block.b, block.c, block.density, block.mass, block.key, own, block.radius,
-        block.roll_radius, 1.0 + own / (block.roll_radius * block.roll_radius), block.drag
+        block.roll_radius, 1.0 + own / (block.roll_radius * block.roll_radius), drag
     )  # fmt: skip
 
 
@@ -86,8 +86,5 @@ def with_drag(block: Block, sd: float) -> Block:
     """Return the block with a random rolling friction: log-normal, sd is that of the logarithm."""
     if sd <= 0.0:
         return block
-    drag = math.exp(sd * rng.normal(block.key, rng.ROLLING_FRICTION, 0))
-    return Block(
-        block.a, block.b, block.c, block.density, block.mass, block.key, block.inertia,
-        block.radius, block.roll_radius, block.roll_share, drag
-    )  # fmt: skip
+    normal = rng.normal(block.key, rng.ROLLING_FRICTION, 0)
+    return changed(block, block.inertia, math.exp(sd * normal))

@@ -84,13 +84,6 @@ def _open_for(
     return step, error if rate < 0.0 else np.inf
 
 
-@inlined
-def _opens_for(rate: float, bend: float, jerk: float) -> float:
-    """Compute how long a gap surely goes on opening (s), from what _open_for takes."""
-    root = bend + math.sqrt(max(bend * bend + 2.0 * jerk * rate, 0.0))
-    return 2.0 * rate / root if root > 0.0 else np.inf
-
-
 @lean
 def contact_with_segment(
     flying: Flying, start: float, end: float, tolerance: float, ground: Record, length: float
@@ -167,7 +160,9 @@ def contact_with_segment(
                 bend = down + (difference * (c * c - s * s) - lever * lever) * per_support * spin2
                 if gap <= tolerance:
                     touched = min(touched, t)
-                    t += max(_opens_for(rate, bend, jerk), tiny)
+                    # So long it surely goes on opening.
+                    root = bend + math.sqrt(max(bend * bend + 2.0 * jerk * rate, 0.0))
+                    t += max(2.0 * rate / root if root > 0.0 else np.inf, tiny)
                     if t > end:
                         return np.inf, False, touched
                     continue

@@ -214,7 +214,9 @@ def turn_heading(
     after, tilt, c, s = _tilted(slope, ahead, gu * to_u + gv * to_v)
     u, v = place(state, state.x)
     state.theta += tilt
-    _rotate(state, c, s)
+    vx = state.vx * c - state.vz * s
+    state.vz = state.vz * c + state.vx * s
+    state.vx = vx
     head(state, path, u, v, to_u, to_v)
     if abs(angle) > _FAR_TURN:
         behind = sample_behind(state, block, site, path, z0, after, ground)
@@ -281,14 +283,6 @@ def _mirror(state: Record) -> None:
     state.about = -state.about
     state.nx = -state.nx
     state.direction = 1
-
-
-@inlined
-def _rotate(state: Record, c: float, s: float) -> None:
-    """Rotate the velocity in the plane of motion."""
-    vx = state.vx * c - state.vz * s
-    state.vz = state.vz * c + state.vx * s
-    state.vx = vx
 
 
 @inlined

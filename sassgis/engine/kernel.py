@@ -212,8 +212,7 @@ def simulate_blocks(
         open_row(row, strata.number[i], rock, 0, first_x)
         log = Table(rows.events[number], rows.event_counts[number:])
         end_place = rows.ends[number]
-        n_spawned = 0
-        n_event = 0
+        n_spawned = n_event = 0
         spawned.n[0] = 0
         while True:
             n = rows.passages.n[0]
@@ -241,7 +240,9 @@ def simulate_blocks(
                 return NO_ROOM
             leaving = spawned.rows[n_spawned]
             n_spawned += 1
-            stated = spawned_block(leaving, block.density, key, n_spawned)
+            # It has separate draws.
+            own_key = rng.mix(key + np.uint64(n_spawned) * np.uint64(0x9E3779B97F4A7C15))
+            stated = block_of(leaving.a, leaving.b, leaving.c, block.density, leaving.mass, own_key)
             block = with_drag(hooks.on_block(effects, stated), spread)
             if path is not None:
                 continue_path(effects, state, block, site, path, leaving)
@@ -313,13 +314,6 @@ def site_of(i: int, lines: Lines, setup: Setup) -> Site:
         profile, lines.control_line_x[g0:g1], lines.control_line[g0:g1], setup.control_lines
     )
     return Site(profile, setup.grounds, crossings, stretches)
-
-
-@lean
-def spawned_block(spawned_row: Record, density: float, key: np.uint64, number: int) -> Block:
-    """Return the spawned block of some number of a released block; it has separate draws."""
-    own = rng.mix(key + np.uint64(number) * np.uint64(0x9E3779B97F4A7C15))
-    return block_of(spawned_row.a, spawned_row.b, spawned_row.c, density, spawned_row.mass, own)
 
 
 @lean

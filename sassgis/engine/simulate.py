@@ -173,14 +173,6 @@ def _checked_starts(profiles: ProfileSet, starts: FloatArray) -> FloatArray:
     return starts
 
 
-def _cells_of(profiles: ProfileSet) -> tuple[IntArray, IntArray]:
-    """Find the cells under profiles, ascending, and each stretch's position among them, or -1."""
-    cells, local = np.unique(profiles.cell, return_inverse=True)
-    known = cells >= 0
-    local = np.where(profiles.cell >= 0, local - int((~known).sum()), -1).astype(np.int64)
-    return cells[known], local
-
-
 def control_line_table(lines: Sequence[ControlLine]) -> control_line_rules.ControlLineTable:
     """Return stations and barriers as the kernel takes them."""
     barrier = {True: control_line_rules.RESTARTS, False: control_line_rules.STOPS}
@@ -253,20 +245,20 @@ def moving_axes(axes: FloatArray, settings: EngineSettings) -> FloatArray:
 
 def setup_of(
     table: GroundTable, blocks: BlockPopulation | Sequence[BlockPopulation],
-    settings: EngineSettings, lines: Sequence[ControlLine], effects: EffectSettings,
+    settings: EngineSettings, *, lines: Sequence[ControlLine], effects: EffectSettings,
     first_rock: int, n_blocks: int, seed: int,
 ) -> Setup:  # fmt: skip
     """Return the setup common to the blocks of all lines, as the kernel takes it."""
     populations = [blocks] if isinstance(blocks, BlockPopulation) else blocks
     settings = settings.resolved()
     return Setup(
-        ground_of(effects, table.with_rolling_threshold(settings.rolling_threshold)),
-        np.stack([population.limits() for population in populations]),
-        physics_of(settings),
-        control_line_table(lines),
-        np.uint64(seed),
-        first_rock,
-        n_blocks,
+        grounds=ground_of(effects, table.with_rolling_threshold(settings.rolling_threshold)),
+        limits=np.stack([population.limits() for population in populations]),
+        physics=physics_of(settings),
+        control_lines=control_line_table(lines),
+        seed=np.uint64(seed),
+        first_rock=first_rock,
+        n_blocks=n_blocks,
     )
 
 
@@ -425,11 +417,16 @@ def simulate(
     if window is not None and profiles.on_map is None:
         raise ValueError("profiles that are not on a map do not meet windows on it")
     strata = strata_of(line_numbers, line_keys, _checked_starts(profiles, starts))
-    cells, local = _cells_of(profiles)
+    # Of stretches without a cell, which have the number -1, there are none in the sums.
+    cells, local = np.unique(profiles.cell, return_inverse=True)
+    none = int((cells < 0).sum())
+    local = np.where(profiles.cell >= 0, local - none, -1).astype(np.int64)
+    cells = cells[none:]
     lines = _lines(profiles, local, forest, crossings)
     setup = setup_of(
-        table, blocks, settings, crossings.control_lines, effects, first_rock, rocks_per_line, seed
-    )
+        table, blocks, settings, lines=crossings.control_lines, effects=effects,
+        first_rock=first_rock, n_blocks=rocks_per_line, seed=seed,
+    )  # fmt: skip
     centres, disks = _disks(window, cells)
 
     def ground(n_cells: int) -> tuple[Totals, Lines, None, None]:

@@ -103,7 +103,10 @@ def follow(
     n = len(points)
     strata = strata_of(point_numbers, point_keys, np.column_stack(places_of(terrain.grid, points)))
     lines = [line for line, _ in terrain.control_lines]
-    setup = setup_of(table, blocks, settings, lines, effects, first_rock, rocks_per_point, seed)
+    setup = setup_of(
+        table, blocks, settings, lines=lines, effects=effects, first_rock=first_rock,
+        n_blocks=rocks_per_point, seed=seed,
+    )  # fmt: skip
     forest = terrain.forest
     steps = 0 if window is None else window.steps()[0].size
     # What was enough for a chunk before is so for most that follow.

@@ -124,22 +124,26 @@ def between_steps_and_walls(rng):
     rise = [rng.normal(-0.3, 0.3, 12) * run, rng.uniform(-4.0, 4.0, 12)]
     z = np.concatenate([[0.0], np.cumsum(np.column_stack(rise))])
     a = rng.uniform(0.3, 1.0)
+    b = a * rng.uniform(0.4, 1.0)
     x = rng.uniform(s[4], s[-5])
     near = np.abs(s - x) < a + 0.2
     low = max(np.interp([x - a, x, x + a], s, z).max(), z[near].max() if near.any() else -99.0)
+    vx = rng.uniform(-12.0, 12.0)
     rock = (
-        x, low + a + rng.uniform(0.01, 1.0), rng.uniform(-12.0, 12.0), rng.uniform(-5.0, 5.0),
-        rng.uniform(0.0, math.pi), rng.uniform(-20.0, 20.0), a, a * rng.uniform(0.4, 1.0),
+        x, low + a + rng.uniform(0.01, 1.0), vx, rng.uniform(-5.0, 5.0),
+        rng.uniform(0.0, math.pi), rng.uniform(-20.0, 20.0), a, b,
     )  # fmt: skip
     return rock, (s, z)
 
 
-@pytest.mark.parametrize("case", [beside_a_crest, between_steps_and_walls])
+@pytest.mark.parametrize(
+    ("case", "n", "least"), [(beside_a_crest, 400, 100), (between_steps_and_walls, 150, 80)]
+)
 @pytest.mark.parametrize("seed", range(4))
-def test_no_contact_is_missed(case, seed):
+def test_no_contact_is_missed(case, n, least, seed):
     rng = np.random.default_rng(seed)
     wrong, met = [], 0
-    for i in range(250):
+    for i in range(n):
         rock, (s, z) = case(rng)
         if settle(rock, (s, z), 0.0)[0].min() <= 0.0:
             continue
@@ -148,13 +152,13 @@ def test_no_contact_is_missed(case, seed):
         t_ref = first_contact(rock, G, s, z, until)[0]
         # A flank that has got into the ground while the centre receded: what it then meets from
         # the inside is not a contact, and has no counterpart in the reference.
-        inside = settle(rock, (s, z), min(t, t_ref, until))[0].min() < -1e-6
-        if case is beside_a_crest and inside:
-            continue
-        met += np.isfinite(t_ref)
-        if not (abs(t - t_ref) <= 1e-6 or t == t_ref):
+        inside = case is beside_a_crest and (
+            settle(rock, (s, z), min(t, t_ref, until))[0].min() < -1e-6
+        )
+        met += np.isfinite(t_ref) and not inside
+        if not (inside or abs(t - t_ref) <= 1e-6 or t == t_ref):
             wrong.append((i, t, t_ref))
-    assert met > 80
+    assert met > least
     assert wrong == []
 
 

@@ -23,7 +23,7 @@ from sassgis.engine.impact import (
 from sassgis.engine.landing import way_on
 
 pytestmark = pytest.mark.kernels
-QUICK = settings(max_examples=400, derandomize=True)
+QUICK = settings(max_examples=150, derandomize=True)
 
 
 @st.composite

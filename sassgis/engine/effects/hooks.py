@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from sassgis.compiled.jit import fused, inlined
-from sassgis.engine.draws import with_inertia
+from sassgis.engine.draws import changed
 from sassgis.engine.effects import (
     air_drag,
     entrainment,
@@ -104,7 +104,7 @@ def on_block(effects: Effects | None, block: Block) -> Block:
     """Return the block as it moves, from the plane ellipse of the model of 1986."""
     if effects is not None and effects.shape.form == rock_shape.MEAN_INERTIA:
         inertia = rock_shape.tumbling_inertia(block.a, block.b, block.c)
-        return with_inertia(block, inertia)
+        return changed(block, inertia, block.drag)
     return block
 
 

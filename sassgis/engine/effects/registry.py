@@ -25,19 +25,6 @@ from sassgis.settings.schema import Declared, Section, declared
 from sassgis.settings.settings import ForestPlace
 
 Phase = Literal["release", "flight", "impact", "ground", "path"]
-Hook = Literal[
-    "on_block",
-    "on_start",
-    "on_path",
-    "before_turn",
-    "before_flight",
-    "after_flight",
-    "before_stretch",
-    "after_stretch",
-    "on_contact",
-    "after_impact",
-    "on_loss",
-]
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,7 +35,6 @@ class Effect:
     phase: Phase  # of the motion in which it acts; "path": on the heading of followed paths
     label: str  # its name in a sentence
     summary: str  # what it does, to follow "the gap is best explained by"
-    hooks: tuple[Hook, ...]  # of the motion on which it acts
     # More settings of its section, which say where it acts and are read into a map.
     place: type[Section] | None = None
 
@@ -65,71 +51,28 @@ class Effect:
 
 
 _ROWS = (
+    Effect(AirDrag, "flight", "air drag", "the drag of the air"),
+    Effect(Wind, "flight", "wind", "a steady wind on blocks in flight"),
+    Effect(Trees, "flight", "trees", "trees that take energy from passing rocks", ForestPlace),
     Effect(
-        AirDrag,
-        phase="flight",
-        label="air drag",
-        summary="the drag of the air",
-        hooks=("on_start", "before_flight", "after_flight"),
+        SoftGround, "impact", "soft ground", "soft ground that yields at impacts and takes energy"
     ),
     Effect(
-        Wind,
-        phase="flight",
-        label="wind",
-        summary="a steady wind on blocks in flight",
-        hooks=("on_start", "before_flight", "after_flight"),
+        Roughness, "impact", "roughness of the ground",
+        "ground that is rougher than the terrain model shows",
     ),
     Effect(
-        Trees,
-        phase="flight",
-        label="trees",
-        summary="trees that take energy from passing rocks",
-        hooks=("on_start", "before_flight", "after_flight", "before_stretch", "after_stretch"),
-        place=ForestPlace,
+        RockShape, "impact", "shape of the rocks",
+        "the shape of the rocks, which the plane ellipse does not know",
+    ),
+    Effect(Fragmentation, "impact", "fragmentation", "blocks that break at impacts"),
+    Effect(
+        Entrainment, "impact", "entrainment", "blocks of the slope that passing rocks set in motion"
     ),
     Effect(
-        SoftGround,
-        phase="impact",
-        label="soft ground",
-        summary="soft ground that yields at impacts and takes energy",
-        hooks=("on_contact", "after_impact"),
+        LateralDeflection, "path", "lateral deflection", "rocks that leave the fall line sideways"
     ),
-    Effect(
-        Roughness,
-        phase="impact",
-        label="roughness of the ground",
-        summary="ground that is rougher than the terrain model shows",
-        hooks=("on_contact",),
-    ),
-    Effect(
-        RockShape,
-        phase="impact",
-        label="shape of the rocks",
-        summary="the shape of the rocks, which the plane ellipse does not know",
-        hooks=("on_block", "after_impact"),
-    ),
-    Effect(
-        Fragmentation,
-        phase="impact",
-        label="fragmentation",
-        summary="blocks that break at impacts",
-        hooks=("on_loss",),
-    ),
-    Effect(
-        Entrainment,
-        phase="impact",
-        label="entrainment",
-        summary="blocks of the slope that passing rocks set in motion",
-        hooks=("on_loss",),
-    ),
-    Effect(
-        LateralDeflection,
-        phase="path",
-        label="lateral deflection",
-        summary="rocks that leave the fall line sideways",
-        hooks=("on_path", "before_turn"),
-    ),
-)
+)  # fmt: skip
 
 #: The effects by name, in the order in which they are listed everywhere.
 EFFECTS: Mapping[str, Effect] = {row.name: row for row in _ROWS}

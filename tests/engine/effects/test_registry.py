@@ -39,13 +39,7 @@ class Breeze(EffectSection):
 
 @pytest.fixture
 def breeze(monkeypatch: pytest.MonkeyPatch) -> Iterator[Effect]:
-    row = Effect(
-        Breeze,
-        phase="flight",
-        label="breeze",
-        summary="air that moves",
-        hooks=("before_flight",),
-    )
+    row = Effect(Breeze, "flight", label="breeze", summary="air that moves")
     monkeypatch.setitem(EFFECTS, "breeze", row)  # type: ignore[arg-type]
     reader._document.cache_clear()
     yield row

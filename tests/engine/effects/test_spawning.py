@@ -192,7 +192,7 @@ def test_volumes_follow_the_power_law_down_to_the_smallest(dimension):
 def test_the_survival_rate_is_the_share_of_blocks_that_stay_whole(survival, shape):
     # A sphere that falls straight down on level ground loses all its energy: g h per kg.
     blocks = lab.sphere(0.5, drop_m=(6.0, 6.0))
-    effects = breaking(energy_jkg=50.0, survival_rate=survival, shape=shape, smallest_m3=1e-5)
+    effects = breaking(energy_jkg=50.0, survival_rate=survival, shape=shape, smallest_m3=1e-4)
     out = lab.run(FLAT, lab.plain(), blocks, effects, n=3000)
     whole = int((out.rocks["reason"] != lab.BROKEN).sum())
     expected = survival ** ((6.0 * lab.G / 50.0) ** shape)
