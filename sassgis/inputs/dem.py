@@ -89,10 +89,7 @@ def describe_dem(
 
 
 def read_dem_part(dem: DemFile, rows: slice, cols: slice) -> FloatArray:
-    """Return heights (m) of some rows and columns of a raster with square cells and north up.
-
-    They are float64 of shape (n_rows, n_cols), NaN for nodata.
-    """
+    """Return heights (m) of some rows and columns of a raster that is plain; NaN for nodata."""
     with open_raster(dem.file, "terrain.dem", keep=True) as dataset:
         return _heights(dataset, dem, Window.from_slices(rows, cols))
 
@@ -103,26 +100,20 @@ def read_dem(
     vertical_datum: str | None = None,
     override_crs: bool = False,
 ) -> Grid:
-    """Read a terrain model.
+    """Read a terrain model: heights in metres, NaN where nothing is known.
 
     Parameters
     ----------
     path
-        A raster with one band of heights, of one of the formats of sassgis.files.gdal_safety.
+        A raster with one band of heights, of one of the formats of sassgis.files.gdal_safety. If it
+        is rotated or its cells are not square, it is resampled (bilinear) to square cells of the
+        shorter side; a notice says so.
     crs
-        Coordinate system that is used where the file has none, as pyproj understands it
-        ("EPSG:2056"), or "local" for local coordinates in metres. If the file has one, both must
-        be the same, unless ``override_crs``.
+        Coordinate system where the file has none, as pyproj understands it ("EPSG:2056"), or
+        "local" for local coordinates in metres. If the file has one, both must be the same, unless
+        ``override_crs``: then this one counts.
     vertical_datum
-        Name of the height system that is used where the file states none.
-    override_crs
-        Whether ``crs`` counts even though the file states another system.
-
-    Returns
-    -------
-    Grid
-        Heights in metres, NaN where nothing is known. Rotated rasters and rasters whose cells are
-        not square are resampled (bilinear) to square cells of the shorter side; the log says so.
+        Name of the height system where the file states none.
     """
     file = named(path)
     with open_raster(file, "terrain.dem") as dataset:
@@ -227,11 +218,9 @@ def _opaque_bands(dataset: Any) -> list[int]:
 
 
 def only_band(dataset: Any, file: Input, field: str, wanted: str) -> int:
-    """Return the number of the one band of a raster on the map.
+    """Return the number of the one band of a raster on the map, transparency left out.
 
-    A transparency band next to it does no harm.
-
-    ``wanted`` says what the band should hold, for messages.
+    ``wanted`` says what it should hold, for messages.
     """
     wrong = partial(InputError, file=file, field=field)
     bands = _opaque_bands(dataset)

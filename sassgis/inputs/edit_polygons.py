@@ -133,7 +133,7 @@ def _edit(feature: Feature, codes: Sequence[str], grid: Grid) -> Edit:
 def with_earlier(edits: Sequence[Edit], folder: Path) -> tuple[Edit, ...]:
     """Complete edits that lack what was computed below them from an earlier result.
 
-    ``folder`` is that of the result that is replaced; it may not exist.
+    It is the one in ``folder`` that is replaced, if there is any.
     """
     frame = read_layer(folder / EDITS_FILE, EDITS_LAYER)
     if frame is None or "computed" not in frame:

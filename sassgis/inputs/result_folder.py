@@ -175,10 +175,7 @@ def level_classes(folder: Path) -> tuple[RasterClass, ...]:
 
 
 def _classes(dataset: Any) -> tuple[RasterClass, ...]:
-    """Return classes of a map by its tags, in the colours of its palette.
-
-    There are none of a map of numbers.
-    """
+    """Return classes of a map by its tags, in the colours of its palette; none of numbers."""
     palette = dataset.colormap(1) if dataset.dtypes[0] == "uint8" else {}
     classes = []
     named = dataset.tags(1).get("CLASSES", "")
@@ -244,10 +241,7 @@ _Values = dict[str, dict[str, tuple[float, ...]]]
 
 
 def _read_objects(folder: Path) -> tuple[PlacedObjects, dict[str, dict[str, float]], _Values]:
-    """Return exposed objects.
-
-    Returned by the name of the whole are the sums of their risk, and the largest values.
-    """
+    """Return exposed objects, and by the name of the whole sums of risk and largest values."""
     objects: list[ExposedObject] = []
     shapes: list[Any] = []
     risk: dict[str, dict[str, float]] = {}

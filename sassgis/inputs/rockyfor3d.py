@@ -50,10 +50,7 @@ _MOST_SCENARIOS, _MOST_AREAS = 12, 50
 
 @cache
 def soil_types() -> Mapping[int, Any]:
-    """Return rows of sassgis/data/rockyfor3d_soils.csv by the number of the soil type.
-
-    Each has a name, the ground class that takes its place, and where that is from.
-    """
+    """Return name, ground class and source of each soil type (data/rockyfor3d_soils.csv)."""
     with (resources.files("sassgis") / "data" / "rockyfor3d_soils.csv").open("rb") as file:
         table = pd.read_csv(file, index_col="soil_type")
     return dict(zip(table.index.tolist(), table.itertuples(), strict=True))
@@ -114,8 +111,8 @@ def read_rockyfor3d(path: Path, config_folder: Path, crs: str | None) -> Convert
 
     It has ``dem``, ``soiltype``, ``d1``, ``d2``, ``d3`` and a density of the rock as rasters;
     ``blshape``, ``rg70``, ``rg20``, ``rg10``, nets and forest where there are any. Paths are
-    written as seen from the folder of the configuration; ``crs`` is the coordinate system of the
-    layers that are made.
+    written as seen from the folder of the configuration; ``crs`` is that of the layers that are
+    made.
     """
     folder = _opened(path)
     keys: StartKeys = [("terrain", {"dem": seen_from_folder(config_folder, folder.files["dem"])})]
@@ -234,10 +231,7 @@ def _span(values: FloatArray) -> float | tuple[float, float]:
 def _areas(
     label: NDArray[np.int32], names: Sequence[str], folder: _Folder, crs: str | None
 ) -> gpd.GeoDataFrame:
-    """Return centres of the source cells of each scenario.
-
-    Those of connected cells are apart if they are few.
-    """
+    """Return centres of the source cells of each scenario; connected ones apart if they are few."""
     several = [ndimage.label(label == k, np.ones((3, 3))) for k in range(1, len(names) + 1)]
     if sum(count for _, count in several) > _MOST_AREAS:
         several = [((label == k).astype(np.int32), 1) for k in range(1, len(names) + 1)]

@@ -59,10 +59,7 @@ def release_features(release: ReleaseSettings) -> list[Feature]:
 
 
 def release_names(release: ReleaseSettings) -> tuple[str, ...]:
-    """Return names of all release areas in the order of the file.
-
-    Their shapes are not looked at.
-    """
+    """Return names of all release areas in the order of the file; shapes are not looked at."""
     return tuple(feature_names(release_features(release), "area", "release"))
 
 
@@ -83,9 +80,9 @@ def read_release(
 ) -> list[ReleaseArea]:
     """Read the release areas, in the order of the file, and check them against the DEM.
 
-    ``only`` are the names of the areas to read: the shapes of the others are not looked at. What
-    can be used but deserves a look (an area partly outside the DEM, over nodata, too flat for a
-    start, or over another area) is logged as a warning.
+    ``only`` are the names of the areas to read: the shapes of the others are not looked at. Notices
+    name areas that can be used but deserve a look (partly outside the DEM, over nodata, too flat
+    for a start, or over another area).
     """
     file, frame = _release_layer(release, *_ATTRIBUTES)
     features = without_shapes(frame, file, release.name_field)

@@ -13,7 +13,7 @@ import os
 import re
 import types
 import unicodedata
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from functools import cache
 from numbers import Real
@@ -324,9 +324,8 @@ class Declared(NamedTuple):
         return self.default is dataclasses.MISSING
 
 
-@cache
-def declared(cls: Any) -> Mapping[str, Declared]:
-    """Return settings of a section by key, in order; fields without a description are none."""
+def _declared(cls: Any) -> Mapping[str, Declared]:
+    """Find what is declared."""
     hints = get_type_hints(cls, include_extras=True)
     found: dict[str, Declared] = {}
     for field in dataclasses.fields(cls):
@@ -341,6 +340,10 @@ def declared(cls: Any) -> Mapping[str, Declared]:
             example = next((n for n in notes if isinstance(n, Example)), None)
             found[field.name] = Declared(field.name, hint, field.default, text, old, example)
     return types.MappingProxyType(found)
+
+
+#: Settings of a section by key, in order; fields without a description are none.
+declared: Callable[[Any], Mapping[str, Declared]] = cache(_declared)
 
 
 def interval(kind: Any) -> Interval | None:

@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 from affine import Affine
 from helpers.input_files import NORTH, WEST
-from shapely import box
 
 from sassgis.engine.effects.trees import FULL_STEMS, Stand, energy_ratios, stem_loss
 from sassgis.errors import ConfigError, InputError
@@ -76,18 +75,6 @@ def test_a_part_of_the_terrain_has_the_forest_of_the_whole(tmp_path: Path) -> No
         assert np.allclose(of_part.reshape(part.shape), of_whole[10:20, 5:30])
 
 
-def test_a_stand_narrower_than_the_cells_is_named(
-    tmp_path: Path, caplog: pytest.LogCaptureFixture
-) -> None:
-    file, strip = tmp_path / "hedge.gpkg", box(WEST, NORTH - 40.9, WEST + 100.0, NORTH - 40.1)
-    gpd.GeoDataFrame(geometry=[strip, strip.buffer(5.0)]).to_file(file)
-    settings = ForestPlace(file=file, stems_per_ha=400.0, dbh_cm=30.0)
-    stems, _ = read_forest(settings, GRID)
-    assert (stems > 0.0).sum() == 250.0
-    (said,) = caplog.messages
-    assert "feature 1: narrower than the cells of 2 m" in said
-
-
 def test_points_and_tables_say_the_same(tmp_path: Path) -> None:
     frame = trees(50)
     frame.loc[3, "conifer_share"] = np.nan
@@ -105,7 +92,6 @@ def test_points_and_tables_say_the_same(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("text", "words"),
     [
-        ("x,y\n1,2\n", "missing column .*dbh_cm"),
         ("x,y,dbh_cm\n1,2,thick\n", "row 2: is not a number"),
         ("x,y,dbh_cm\n1,2,30\n", "no tree lies on the DEM"),
         ("x,y,dbh_cm\n", "holds no tree"),
