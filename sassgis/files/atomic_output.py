@@ -89,9 +89,6 @@ def _reason(error: BaseException) -> str:
     return next(known, " ".join(detail.split()))
 
 
-# --- single files ----------------------------------------------------------------------------
-
-
 def write_text(path: Path, text: str) -> None:
     """Write a text file whole or not at all; OutputError where the disk refuses."""
     with writing(path):
@@ -169,9 +166,6 @@ def _list_written(target: Path, fresh: Path) -> None:
         work = fresh.with_name(WRITTEN_NAME)
         work.write_text(json.dumps(listed, indent=1) + "\n", encoding="utf-8")
         os.replace(work, target.parent / WRITTEN_NAME)
-
-
-# --- folders ---------------------------------------------------------------------------------
 
 
 def partial_folder(target: Path) -> Path:

@@ -137,10 +137,6 @@ def _names_in(folder: str) -> frozenset[str] | None:
         return None
 
 
-# ---------------------------------------------------------------------------------------------
-# Virtual rasters
-
-
 def mosaic_text(file: Path) -> str | None:
     """Return a virtual raster as GDAL is to see it, with absolute paths; None of any other file.
 

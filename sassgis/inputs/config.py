@@ -105,8 +105,6 @@ FILE_KEYS: Mapping[str, tuple[str, ...]] = {
     for name, keys in declared_sections().items()
 }
 
-# ---------------------------------------------------------------------------------------------
-# Reading
 
 EffectTable = tuple[EffectSection, Section | None]
 
@@ -416,10 +414,6 @@ def settings_hash(config: Config, *, sections: Iterable[str] = PHYSICS_SECTIONS)
 
 
 _PATH_KEYS = frozenset(key for keys in FILE_KEYS.values() for key in keys)
-
-
-# ---------------------------------------------------------------------------------------------
-# What is wrong
 
 
 def _cross_checks(sections: Mapping[str, Any], file: Path | None) -> list[ConfigError]:

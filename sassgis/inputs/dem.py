@@ -163,10 +163,6 @@ def _described(
     return DemFile(file, band, transform, dataset.shape, wkt, datum, vertical_unit)
 
 
-# ---------------------------------------------------------------------------------------------
-# Opening
-
-
 @contextmanager
 def open_raster(file: Input, key: str, keep: bool = False) -> Iterator[Any]:
     """Open a raster or say in one line why that cannot be done.
@@ -253,10 +249,6 @@ def _outer_bounds(transform: Affine, shape: tuple[int, int]) -> tuple[float, flo
     x = [a * col + b * row + c for col, row in corners]
     y = [d * col + e * row + f for col, row in corners]
     return min(x), min(y), max(x), max(y)
-
-
-# ---------------------------------------------------------------------------------------------
-# Heights
 
 
 def _height_unit(dataset: Any, band: int, file: Input, vertical_unit: float) -> float:
@@ -384,10 +376,6 @@ def burnt(
     """
     where: dict[str, Any] = {"transform": affine_of(grid), "all_touched": touched}
     return np.asarray(rasterize(shapes, grid.shape, fill, dtype=kind, **where))
-
-
-# ---------------------------------------------------------------------------------------------
-# North up, square cells
 
 
 def _north_up(values: FloatArray, transform: Affine) -> tuple[FloatArray, Affine]:

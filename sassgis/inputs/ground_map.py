@@ -30,10 +30,6 @@ _NO_CODE = np.iinfo(np.int32).min
 _DATA = resources.files("sassgis") / "data"
 
 
-# ---------------------------------------------------------------------------------------------
-# Tables
-
-
 #: The built-in classes by named set of readings. Values calibrated with one set of readings would
 #: be wrong with another; those for "1986" are the estimates that its studies were made with.
 _BUILT_IN = {"hazard": "ground_classes.csv", "1986": "ground_classes_1986.csv"}
@@ -145,10 +141,6 @@ def _read_rules(file: Input, table: GroundTable | None) -> tuple[RangeRule, ...]
         with errors_of_row(where, file):
             rules.append(RangeRule(*row.values()))
     return tuple(rules)
-
-
-# ---------------------------------------------------------------------------------------------
-# The map of classes
 
 
 def ground_raster(

@@ -46,10 +46,6 @@ _MOST_STRETCHES = 50_000
 _BORDER = 1e-6
 
 
-# ---------------------------------------------------------------------------------------------
-# Objects
-
-
 def read_objects(settings: ObjectSettings, grid: Grid) -> PlacedObjects:
     """Read a layer of exposed objects; roads and lines are cut into stretches of equal length.
 
@@ -196,10 +192,6 @@ def _warn(placed: PlacedObjects, grid: Grid, file: Input) -> None:
             )
 
 
-# ---------------------------------------------------------------------------------------------
-# Stretches of roads and lines
-
-
 def _stretches(
     whole: ExposedObject, geometry: Any, segment_m: float, grid: Grid, file: Input
 ) -> list[tuple[ExposedObject, Any]]:
@@ -253,10 +245,6 @@ def chainage(metres: float, digits: int = 0) -> str:
     km, rest = divmod(round(metres, digits), 1000.0)
     width = 3 if digits == 0 else 4 + digits
     return f"{int(km)}+{rest:0{width}.{digits}f}"
-
-
-# ---------------------------------------------------------------------------------------------
-# Cells
 
 
 def object_cells(placed: PlacedObjects, grid: Grid) -> tuple[IntArray, IntArray]:
@@ -324,10 +312,6 @@ def _under_polygon(shape: Any, grid: Grid) -> IntArray:
         boxes = shapely.box(x - reach, y - reach, x + reach, y + reach)
         kept.append(cells[shapely.intersects(shape, boxes)])
     return np.concatenate(kept)
-
-
-# ---------------------------------------------------------------------------------------------
-# Vulnerability
 
 
 def read_vulnerability(file: Input, intensities: Sequence[str]) -> Vulnerability:

@@ -167,9 +167,6 @@ def _sources_of(row: Mapping[str, Any], where: str, file: str) -> list[str]:
     return sources
 
 
-# ---------------------------------------------------------------------------------------------
-# From what pydantic finds to one line
-
 _KEYS = {
     "title": "a line that says whose rules these are",
     "sources": "sections [sources.KEY] with text and verified",

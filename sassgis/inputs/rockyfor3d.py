@@ -153,10 +153,6 @@ def _opened(path: Path) -> _Folder:
         return _Folder(path, files, raster.transform, raster.shape)
 
 
-# ---------------------------------------------------------------------------------------------
-# Source cells and blocks
-
-
 def _release(folder: _Folder, crs: str | None, out: Converted) -> None:
     """Return release areas and block scenarios of the source cells."""
     density = folder.read(next(name for name in _DENSITY if folder.has(name)))
@@ -248,10 +244,6 @@ def _areas(
     return frame
 
 
-# ---------------------------------------------------------------------------------------------
-# Ground
-
-
 def _ground(
     folder: _Folder, soil: FloatArray, config_folder: Path, out: Converted
 ) -> dict[str, object]:
@@ -293,10 +285,6 @@ def _ground(
         "file": seen_from_folder(config_folder, folder.files["soiltype"]),
         "raster_classes": {str(int(n)): known[int(n)].ground_class for n in present},
     }
-
-
-# ---------------------------------------------------------------------------------------------
-# Nets
 
 
 def _nets(folder: _Folder, crs: str | None, out: Converted) -> None:
@@ -356,10 +344,6 @@ def _centre_line(folder: _Folder, rows: IntArray, cols: IntArray) -> Any:
         path.append(int(before[start, path[-1]]))
     points = folder.centres(rows[path], cols[path])
     return shapely.LineString(points).simplify(0.75 * abs(folder.transform.a))
-
-
-# ---------------------------------------------------------------------------------------------
-# Forest
 
 
 def _forest(folder: _Folder, config_folder: Path, out: Converted) -> None:

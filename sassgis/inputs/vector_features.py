@@ -112,10 +112,6 @@ def text_of(value: object) -> str | None:
     return composed(str(value).strip()) or None
 
 
-# ---------------------------------------------------------------------------------------------
-# Layers
-
-
 def read_features(
     file: Input,
     grid: Grid,
@@ -379,10 +375,6 @@ def without_repeats(points: FloatArray) -> FloatArray:
     """Return vertices, shape (n, 2), without those that repeat the one before."""
     again = np.append(False, (points[1:] == points[:-1]).all(axis=1))[: len(points)]
     return np.ascontiguousarray(points[~again])
-
-
-# ---------------------------------------------------------------------------------------------
-# Geometry against the grid
 
 
 def share_inside(feature: Feature, grid: Grid) -> float:

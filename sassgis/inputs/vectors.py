@@ -41,9 +41,6 @@ from sassgis.settings.settings import BarrierSettings, ReleaseSettings, StationS
 START_SLOPE_DEG = math.degrees(math.atan(0.37))
 
 
-# ---------------------------------------------------------------------------------------------
-# Release areas
-
 _NO_START = (
     "no block starts there: an onset frequency per hectare or metre counts for the rest, one per "
     "year is put on the rest as a whole"
@@ -210,10 +207,6 @@ def warn_of_overlaps(areas: Sequence[ReleaseArea], file: Input) -> None:
         if common > 0.0 and set(areas[i].scenarios) & set(areas[j].scenarios):
             names = f"areas {areas[i].name} and {areas[j].name}"
             notice(f"{file}: {names} overlap by {common:.1f} m2; blocks start there from both")
-
-
-# ---------------------------------------------------------------------------------------------
-# Stations and barriers
 
 
 def read_control_lines(config: Config, grid: Grid) -> list[tuple[ControlLine, FloatArray]]:

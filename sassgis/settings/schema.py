@@ -93,9 +93,6 @@ def named(given: AnyInput) -> Input:
 #: What holds for all settings: a text is no number, and a number is finite.
 RULES = ConfigDict(strict=True, allow_inf_nan=False, extra="forbid")
 
-# ---------------------------------------------------------------------------------------------
-# Notes in annotations
-
 
 @dataclass(frozen=True, slots=True)
 class Renamed:
@@ -110,10 +107,6 @@ class Example:
 
     value: object
     needed: bool = False
-
-
-# ---------------------------------------------------------------------------------------------
-# Kinds of values
 
 
 def refused(
@@ -234,8 +227,6 @@ Codes = Annotated[dict[int, Name], BeforeValidator(_codes)]
 #: The configuration in which a section stands, for messages; it is no key.
 ConfigFile = Annotated[Path | None, Field(validate_default=True), PlainValidator(_from_context)]
 
-# ---------------------------------------------------------------------------------------------
-# Sections
 
 if TYPE_CHECKING:
     from dataclasses import dataclass as checked
@@ -372,9 +363,6 @@ def is_file(kind: Any) -> bool:
     """Return whether a setting names a file."""
     return kind is Path or any(is_file(k) for k in get_args(kind) if not isinstance(k, str))
 
-
-# ---------------------------------------------------------------------------------------------
-# What is wrong
 
 #: What would have been accepted, by the kind of pydantic's error.
 _EXPECTED = {

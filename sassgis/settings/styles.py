@@ -106,9 +106,6 @@ class VectorStyle:
             raise ValueError("all symbols of a style are of one kind")
 
 
-# --- classes and colours ---------------------------------------------------------------------
-
-
 def class_limits(breaks: Sequence[float]) -> list[tuple[float, float]]:
     """Return the lower and upper limits of the classes that ascending ``breaks`` make.
 
@@ -170,9 +167,6 @@ def zero_is_nothing(unit: str) -> bool:
     A passing height of 0 m is a block that rolls; a count, probability or energy of 0 is no block.
     """
     return unit != "m"
-
-
-# --- ready styles ----------------------------------------------------------------------------
 
 
 def categorised_style(

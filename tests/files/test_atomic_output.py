@@ -182,8 +182,6 @@ def test_no_permission(tmp_path: Path) -> None:
     assert list(tmp_path.iterdir()) == []
 
 
-# --- a disk that is full for real --------------------------------------------------------------
-
 WRITE = textwrap.dedent(
     """
     import sys

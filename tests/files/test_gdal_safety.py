@@ -91,9 +91,6 @@ def test_the_settings_of_gdal_are_left_as_they_were() -> None:
     assert pyogrio.get_gdal_config_option("GDAL_HTTP_PROXY") == before
 
 
-# ---------------------------------------------------------------------------------------------
-# Other files of the machine
-
 HEIGHTS = 1000.0 + np.arange(12.0).reshape(3, 4)
 
 
@@ -257,9 +254,6 @@ def test_formats_of_rasters(site: Path, name: str, driver: str) -> None:
         write(site / name, driver)
     assert np.array_equal(read_dem(site / name, crs="EPSG:2056").values, HEIGHTS)
 
-
-# ---------------------------------------------------------------------------------------------
-# Vector files
 
 _POINT = (
     '{"type": "Feature", "properties": {"a": "%s"},'

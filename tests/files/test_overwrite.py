@@ -64,8 +64,6 @@ def refused(root: Path, target: Path, words: str) -> str:
     return str(early.value)
 
 
-# --- results ---------------------------------------------------------------------------------
-
 YEARS = hashlib.sha256(b"years").hexdigest()
 STRANGE = {
     "that is not there": None,
@@ -173,9 +171,6 @@ def test_another_result_within_one(out: Path) -> None:
     assert set(everything(out)) == {"manifest.json"}
 
 
-# --- what comes during a run -----------------------------------------------------------------
-
-
 def test_a_file_that_comes_at_the_last_moment(
     tmp_path: Path, out: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -213,9 +208,6 @@ def test_a_file_that_comes_while_the_older_result_is_deleted(
     assert everything(aside) == {"maps": b"", "maps/mine.tif": b"mine"}
 
 
-# --- working folders -------------------------------------------------------------------------
-
-
 @pytest.mark.parametrize("link", ["out.partial", "out.partial/.sassgis-partial"])
 def test_links_in_the_place_of_the_working_folder(tmp_path: Path, link: str) -> None:
     own = tmp_path / "own"
@@ -225,9 +217,6 @@ def test_links_in_the_place_of_the_working_folder(tmp_path: Path, link: str) -> 
     (tmp_path / link).parent.mkdir(exist_ok=True)
     (tmp_path / link).symlink_to(own if link == "out.partial" else own / MARKER_NAME)
     refused(tmp_path, tmp_path / "out", r"out\.partial: exists already")
-
-
-# --- single files ----------------------------------------------------------------------------
 
 
 def write(file: Path, text: str, overwrite: bool = False) -> None:

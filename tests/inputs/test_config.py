@@ -79,9 +79,6 @@ def test_overrides_are_validated_like_the_file(load):
         load(run__seed=-7)
 
 
-# --- template -------------------------------------------------------------------------------
-
-
 def _template_lines() -> Iterator[tuple[str, str, str]]:
     """Section, key and line of the template, those in comments included."""
     section = ""
@@ -122,8 +119,6 @@ def test_defaults_in_comments_of_the_template_are_the_true_ones():
         checked += 1
     assert checked >= 15
 
-
-# --- errors ---------------------------------------------------------------------------------
 
 WRONG = [
     ('dem = "dem.tif"', 'demm = "dem.tif"', ["terrain.demm", "unknown key", "'dem'"]),
@@ -215,8 +210,6 @@ def test_files_that_are_not_toml(tmp_path, content, words):
         load_config(path)
 
 
-# --- numbers --------------------------------------------------------------------------------
-
 QUIET = settings(max_examples=60, suppress_health_check=[HealthCheck.function_scoped_fixture])
 
 
@@ -237,9 +230,6 @@ def test_spacing_is_either_usable_or_refused_in_one_line(load, value):
     else:
         with one_line(ConfigError, "release.spacing_m"):
             load(text)
-
-
-# --- manifest and fingerprint ---------------------------------------------------------------
 
 
 def test_resolved_is_plain_and_complete(load):
@@ -310,8 +300,6 @@ def test_the_tiles_of_a_virtual_raster_count_as_it_does(tmp_path):
         settings_hash(load_config(file))
 
 
-# --- profile runs ---------------------------------------------------------------------------
-
 PROFILE = (
     MINIMAL[MINIMAL.index("[[blocks]]") :]
     + """
@@ -347,9 +335,6 @@ def test_lines_on_the_map_have_no_chainage(load):
     config = load(PROFILE.replace("chainage_m = 120", "line = [[0, 0], [1, 1]]"))
     with one_line(ConfigError, "run.toml", "stations[road]", "found line", "expected chainage_m"):
         profile_control_lines(config)
-
-
-# --- former names ---------------------------------------------------------------------------
 
 
 def test_former_keys_are_read_and_noted_once(load):

@@ -169,9 +169,6 @@ def test_corner_and_cell_come_through(make_dem, cell, west, north):
     assert grid.cell_size == pytest.approx(cell, rel=1e-12)
 
 
-# --- errors ---------------------------------------------------------------------------------
-
-
 def _refused(path, *words, **options):
     with one_line(InputError, path.name, *words):
         read_dem(path, **options)

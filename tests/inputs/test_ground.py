@@ -30,9 +30,6 @@ def settings(path=None, **keys):
     return section_of(GroundSettings, table, Path("config.toml"))
 
 
-# --- built-in table -------------------------------------------------------------------------
-
-
 def test_rock_and_debris_hold_what_table_1_gives():
     table, paper = built_in_table(), built_in_table("1986")
     assert set(paper.names) == set(table.names) and settings().default in table.names
@@ -66,9 +63,6 @@ def test_harder_ground_rebounds_more():
         for name in order
     ]
     assert rebounds == sorted(rebounds) and rebounds[0] < rebounds[-1]
-
-
-# --- own tables -----------------------------------------------------------------------------
 
 
 def test_own_classes_are_added_or_replace(tmp_path):
@@ -152,8 +146,6 @@ def test_tables_that_cannot_be_used(tmp_path, name, text, words):
         read_ground_table(path)
 
 
-# --- map of classes -------------------------------------------------------------------------
-
 TABLE = built_in_table()
 ROCK, DEBRIS, TALUS = (TABLE.index(n) for n in ("rock", "debris", "talus"))
 
@@ -231,9 +223,6 @@ def test_a_transparency_band_beside_codes_does_no_harm(code_raster, slope_grid):
     path = code_raster(np.stack([np.ones((20, 30)), opaque]), alpha="yes", nodata=None)
     classes = ground_raster(settings(path, raster_classes=CODES), slope_grid, TABLE)
     assert (classes[:, :12] == DEBRIS).all() and (classes[:, 12:] == ROCK).all()
-
-
-# --- errors ---------------------------------------------------------------------------------
 
 
 @pytest.fixture

@@ -65,8 +65,6 @@ def test_values_of_the_user_stand_beside_those_of_the_files(tmp_path: Path) -> N
             with_values(given, (wrong,))
 
 
-# --- barriers by attributes ----------------------------------------------------------------------
-
 NETS = """
 [[barriers]]
 name = "measure"

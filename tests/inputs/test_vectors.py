@@ -42,9 +42,6 @@ def settings(path, **keys):
 AREA = at(52, 31, 97, 58)
 
 
-# --- what is read ---------------------------------------------------------------------------
-
-
 @pytest.mark.parametrize(
     ("name", "to"),
     [("a.gpkg", None), ("a.shp", None), ("a.geojson", "EPSG:4326"), ("a.gpkg", "EPSG:21781")],
@@ -95,9 +92,6 @@ def test_what_pandas_has_for_nothing_is_empty():
         feature.value("a")
 
 
-# --- coordinate systems ---------------------------------------------------------------------
-
-
 def test_without_a_system_that_of_the_dem_is_taken_if_it_fits(make_layer, slope_grid, caplog):
     path = make_layer([AREA], "release.shp", crs=None)
     with caplog.at_level(logging.INFO, "sassgis"):
@@ -114,9 +108,6 @@ def test_local_dem_takes_local_vectors_only(make_layer, slope_grid):
         assert read_release(settings(path), local, BLOCKS)[0].geometry.equals(here)
     with one_line(InputError, "release.gpkg", "release.file", "local coordinates", "LV95"):
         read_release(settings(make_layer([AREA])), local, BLOCKS)
-
-
-# --- errors ---------------------------------------------------------------------------------
 
 
 @pytest.fixture
@@ -196,9 +187,6 @@ def test_names_are_identities(refused, make_layer):
     refused(path, "title", "feature 2 has no name", name_field="title")
 
 
-# --- warnings -------------------------------------------------------------------------------
-
-
 @pytest.mark.parametrize(
     ("shape", "known", "says"),
     [
@@ -260,9 +248,6 @@ def test_open_rings_are_refused_and_the_reason_is_told(refused, tmp_path, caplog
     assert "Non closed ring" in caplog.text
 
 
-# --- cells and slopes -----------------------------------------------------------------------
-
-
 def test_cells_under_polygons_lines_and_points(slope_grid):
     def marked(shape):
         rows, cols, mask = cells_under(shape, slope_grid)
@@ -282,9 +267,6 @@ def test_cells_under_polygons_lines_and_points(slope_grid):
 def test_steepest_slope_is_that_of_the_plane_even_at_the_edge(slope_grid):
     for shape in (AREA, at(0, 0, 10, 10), at(290, 190, 300, 200), Point(WEST + 5, NORTH - 5)):
         assert steepest_slope_deg(shape, slope_grid) == pytest.approx(45.0)
-
-
-# --- stations and barriers ------------------------------------------------------------------
 
 
 @pytest.fixture
