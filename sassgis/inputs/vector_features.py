@@ -20,13 +20,7 @@ from pyproj.exceptions import ProjError
 
 from sassgis.errors import InputError, notice
 from sassgis.files.digests import Stamp
-from sassgis.files.gdal_safety import (
-    VECTOR,
-    layers_of,
-    read_frame,
-    vector_file,
-    with_composed,
-)
+from sassgis.files.gdal_safety import VECTOR, layers_of, read_frame, vector_file, with_composed
 from sassgis.files.input_parts import stamps_of
 from sassgis.files.plain_file import check_file, check_text, in_memory, number
 from sassgis.grid import FloatArray, Grid

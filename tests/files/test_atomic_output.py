@@ -14,12 +14,7 @@ import pytest
 from helpers.listed_results import list_files
 
 from sassgis.errors import InputError, OutputError
-from sassgis.files.atomic_output import (
-    MARKER_NAME,
-    partial_folder,
-    staged_output,
-    writing,
-)
+from sassgis.files.atomic_output import MARKER_NAME, partial_folder, staged_output, writing
 
 
 def make_result(target: Path, text: str, overwrite: bool = False) -> None:
