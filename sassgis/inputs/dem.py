@@ -131,13 +131,9 @@ def read_dem(
         if not np.isfinite(values).any():
             raise wrong("holds no height at all after resampling")
     return Grid(
-        values=np.ascontiguousarray(values),
-        west=transform.c,
-        north=transform.f,
-        cell_size=(transform.a - transform.e) / 2.0,
-        crs=dem.crs,
-        vertical_datum=dem.vertical_datum,
-    )
+        values=np.ascontiguousarray(values), west=transform.c, north=transform.f,
+        cell_size=(transform.a - transform.e) / 2.0, crs=dem.crs, vertical_datum=dem.vertical_datum,
+    )  # fmt: skip
 
 
 def require_room(shape: tuple[int, int], file: Input) -> None:
@@ -434,16 +430,10 @@ def resample(
     """
     result = np.full(shape, nodata, dtype=values.dtype)
     reproject(
-        np.ascontiguousarray(values),
-        result,
-        src_transform=transform,
-        dst_transform=target,
-        src_crs=systems[0],
-        dst_crs=systems[1],
-        src_nodata=nodata,
-        dst_nodata=nodata,
+        np.ascontiguousarray(values), result, src_transform=transform, dst_transform=target,
+        src_crs=systems[0], dst_crs=systems[1], src_nodata=nodata, dst_nodata=nodata,
         resampling=how,
-    )
+    )  # fmt: skip
     return result
 
 

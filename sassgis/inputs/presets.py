@@ -127,22 +127,16 @@ def _preset(text: str, name: str, file: str) -> HazardPreset:
         # Rules that say nothing of sheets: those that come with sassgis.
         sheet_rules = read_preset("ch-so").sheet
     return HazardPreset(
-        name,
-        content["title"].strip(),
-        intensities,
-        tuple(periods["limits_years"]),
-        source(periods["source"], "return_periods"),
-        levels,
+        name, content["title"].strip(), intensities, tuple(periods["limits_years"]),
+        source(periods["source"], "return_periods"), levels,
         tuple(tuple(codes.index(code) for code in row["levels"]) for row in rows.values()),
         tuple(
             tuple(source(key, where) for key in _sources_of(row, where, file))
             for where, row in rows.items()
         ),
-        file,
-        rarest and rarest["years"],
-        rarest and source(rarest["source"], "rarest"),
+        file, rarest and rarest["years"], rarest and source(rarest["source"], "rarest"),
         sheet_rules,
-    )
+    )  # fmt: skip
 
 
 def _rows_of(matrix: Mapping[str, Any], known: list[str], file: str) -> dict[str, Any]:

@@ -113,20 +113,14 @@ def read_result(folder: Path) -> StoredResult:
     zones, codes = (None, ()) if level is None else _read_zones(folder / ZONE_FILE, level.classes)
     lines = _read_control_lines(folder / RESULT_FILE)
     return StoredResult(
-        folder=folder,
-        manifest=manifest,
-        grid=_read_grid(reach, folder / "maps" / "terrain.tif", manifest),
-        maps=maps,
+        folder=folder, manifest=manifest,
+        grid=_read_grid(reach, folder / "maps" / "terrain.tif", manifest), maps=maps,
         runout_m=_read_runout(folder / RESULT_FILE),
         control_lines={str(r["name"]): r for r in lines},
         traces=tuple((str(r["name"]), str(r["kind"]), r["geometry"]) for r in lines),
-        release=_read_release(folder / RESULT_FILE),
-        zones=zones,
-        level_codes=codes,
-        objects=objects,
-        risk=risk,
-        values=values,
-    )
+        release=_read_release(folder / RESULT_FILE), zones=zones, level_codes=codes,
+        objects=objects, risk=risk, values=values,
+    )  # fmt: skip
 
 
 def _read_grid(reach: Path, terrain: Path, manifest: Mapping[str, Any]) -> Grid:

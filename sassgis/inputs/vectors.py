@@ -130,14 +130,10 @@ def named_features(
     """
     assert item.file is not None
     features = read_features(
-        item.file,
-        grid,
-        key,
-        layer=item.layer,
+        item.file, grid, key, layer=item.layer,
         fields={f"{k}_field": v for k, v in [("name", item.name_field), *columns.items()]},
-        label=item.name_field,
-        kinds=kinds,
-    )
+        label=item.name_field, kinds=kinds,
+    )  # fmt: skip
     if item.name_field is None and len(features) == 1:
         return [(features[0], item.name)]
     return list(zip(features, feature_names(features, item.name, key), strict=True))

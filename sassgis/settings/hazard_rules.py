@@ -139,13 +139,10 @@ class HazardCurves:
     def part(self, rows: Rows, columns: Rows = _ALL) -> HazardCurves:
         """Return the curves of some places, at some of their energies."""
         return HazardCurves(
-            self.places[rows],
-            self.energies_kj[columns],
-            self.rate[rows][:, columns],
-            self.variance[rows][:, columns],
-            self.rate_of_a_rock[rows],
+            self.places[rows], self.energies_kj[columns], self.rate[rows][:, columns],
+            self.variance[rows][:, columns], self.rate_of_a_rock[rows],
             None if self.drawn is None else self.drawn.part(rows, columns),
-        )
+        )  # fmt: skip
 
     def column(self, energy_kj: float) -> int:
         """Return the position of an energy among ``energies_kj``; ValueError if it is not there."""
