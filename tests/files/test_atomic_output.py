@@ -58,9 +58,7 @@ def test_a_working_folder_not_made_by_sassgis_is_left_alone(tmp_path: Path) -> N
 
 
 @pytest.mark.parametrize("stop", [RuntimeError, KeyboardInterrupt, InputError])
-def test_a_failure_leaves_the_old_result_and_the_checkpoint(
-    tmp_path: Path, stop: type[BaseException]
-) -> None:
+def test_a_failure_leaves_the_old_result_and_the_checkpoint(tmp_path, stop):
     target = tmp_path / "out"
     make_result(target, "old")
     with pytest.raises(stop), staged_output(target, overwrite=True) as work:
@@ -122,9 +120,7 @@ def test_a_target_that_appears_during_the_run_is_kept(tmp_path: Path) -> None:
     assert (partial_folder(target) / "manifest.json").read_text() == "new"
 
 
-def test_the_old_result_comes_back_if_the_swap_fails(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_the_old_result_comes_back_if_the_swap_fails(tmp_path, monkeypatch):
     target = tmp_path / "out"
     make_result(target, "old")
     rename = os.rename

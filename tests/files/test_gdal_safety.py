@@ -197,9 +197,7 @@ def test_a_virtual_raster_leads_nowhere(site: Path, kind: str, name: str) -> Non
     "beside", ["dem.tif.msk", "dem.tif.MSK", "dem.tif.ovr", "dem.tif.msk.ovr", "dem.tif.aux.xml"]
 )
 @pytest.mark.parametrize("below", ["", "a mosaic of it"])
-def test_what_lies_beside_a_raster_leads_nowhere(
-    site: Path, beside: str, below: str, key: str
-) -> None:
+def test_what_lies_beside_a_raster_leads_nowhere(site, beside, below, key):
     write(site / "dem.tif", "GTiff")
     (site / "raw.vrt").write_text(raw())
     (site / "all.vrt").write_text(mosaic("dem.tif", size=4))
@@ -388,9 +386,7 @@ def test_pipes_and_devices_are_not_opened(tmp_path: Path) -> None:
         ("ISO-8859-1", "KLINGON", "ISO-8859-1"),
     ],
 )
-def test_texts_of_a_shapefile(
-    tmp_path: Path, encoding: str, stated: str | None, expected: str
-) -> None:
+def test_texts_of_a_shapefile(tmp_path, encoding, stated, expected):
     """What is not stated is seen; what is stated wrongly is refused, with the file that does so."""
     file, beside = tmp_path / "areas.shp", tmp_path / "areas.cpg"
     names = {"H\u00f6he": ["R\u00f6tiflue"]}

@@ -6,7 +6,6 @@ import hashlib
 import json
 import os
 import sqlite3
-from collections.abc import Callable
 from contextlib import closing
 from pathlib import Path
 
@@ -117,8 +116,7 @@ def as_long(file: Path) -> None:
 
 @pytest.mark.parametrize("name", ["project.qgz", "tables/zones.csv"])
 @pytest.mark.parametrize("change", [longer, as_long])
-def test_a_file_that_has_changed(out: Path, name: str, change: Callable[[Path], None]) -> None:
-    # The digest of a file that was looked at is known.
+def test_a_file_that_has_changed(out, name, change):
     check_output(out, True)
     change(out / name)
     assert f"{out / name}: " in refused(out.parent, out, "has changed since sassgis wrote it")
@@ -171,9 +169,7 @@ def test_another_result_within_one(out: Path) -> None:
     assert set(everything(out)) == {"manifest.json"}
 
 
-def test_a_file_that_comes_at_the_last_moment(
-    tmp_path: Path, out: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_file_that_comes_at_the_last_moment(tmp_path, out, monkeypatch):
     """After the older result was looked through, while it is moved aside: it is put back."""
     before = everything(out)
     rename = os.rename
@@ -190,9 +186,7 @@ def test_a_file_that_comes_at_the_last_moment(
     assert {p.name for p in tmp_path.iterdir()} == {"out", "out.partial"}
 
 
-def test_a_file_that_comes_while_the_older_result_is_deleted(
-    tmp_path: Path, out: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_file_that_comes_while_the_older_result_is_deleted(tmp_path, out, monkeypatch):
     rename = os.rename
 
     def later(source: Path, destination: Path) -> None:
@@ -294,9 +288,7 @@ def test_a_single_file_that_changes_while_it_is_made_anew(tmp_path: Path) -> Non
     assert (tmp_path / "a.txt").read_text() == "mine"
 
 
-def test_a_command_that_is_killed_before_it_replaces_a_file(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_command_that_is_killed_before_it_replaces_a_file(tmp_path, monkeypatch):
     file, replace = tmp_path / "a.txt", os.replace
     write(file, "one")
 

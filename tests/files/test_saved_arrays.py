@@ -29,9 +29,7 @@ def never(text: str) -> None:
 
 
 @pytest.mark.parametrize("compressed", [False, True])
-def test_what_is_written_is_read_and_no_clock_is_in_it(
-    tmp_path: Path, compressed: bool, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_what_is_written_is_read_and_no_clock_is_in_it(tmp_path, compressed, monkeypatch):
     """Not even one before the first year that ZIP knows, as of a computer without a battery."""
     file, written = tmp_path / "state.npz", []
     for seconds in (0.0, 1.7e9):
@@ -98,9 +96,7 @@ def test_another_file_is_not_taken_for_this_one(tmp_path: Path) -> None:
     assert [line.split()[2] for line in said] == [str(tmp_path / "rows_2.npz")]
 
 
-def test_other_settings_and_versions_are_said(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_other_settings_and_versions_are_said(tmp_path, monkeypatch):
     file = tmp_path / "state.npz"
     write_saved(file, ARRAYS, "own")
     said: list[str] = []
@@ -129,9 +125,7 @@ def test_objects_are_not_unpickled(tmp_path: Path) -> None:
 
 
 @given(place=st.floats(0.0, 1.0), bit=st.integers(0, 7), cut=st.booleans())
-def test_damage_is_noticed(
-    tmp_path_factory: pytest.TempPathFactory, place: float, bit: int, cut: bool
-) -> None:
+def test_damage_is_noticed(tmp_path_factory, place, bit, cut):
     file = tmp_path_factory.mktemp("damaged") / "state.npz"
     write_saved(file, ARRAYS, "own")
     content = bytearray(file.read_bytes())

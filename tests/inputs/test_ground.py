@@ -194,7 +194,6 @@ def code_raster(make_dem):
 
 
 def test_raster_of_codes_is_aligned_by_the_nearest_cell(code_raster, slope_grid):
-    # Cells of 5 m, over the western half only, without a coordinate system, south up.
     codes = np.zeros((40, 30), int) + 1
     codes[10:20] = 2
     where = Affine(5.0, 0.0, WEST, 0.0, 5.0, NORTH - 200.0)
@@ -208,7 +207,6 @@ def test_raster_of_codes_is_aligned_by_the_nearest_cell(code_raster, slope_grid)
 
 
 def test_raster_of_codes_in_another_system(code_raster, slope_grid):
-    # The old Swiss system differs by two round numbers and less than two metres here.
     codes = np.full((40, 60), 1)
     codes[:, 30:] = 2
     where = Affine(10.0, 0.0, WEST - 2e6 - 150.0, 0.0, -10.0, NORTH - 1e6 + 100.0)

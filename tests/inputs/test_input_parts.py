@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import hashlib
 import os
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -126,9 +125,7 @@ def test_tables_of_a_folder_are_known_by_their_names(tmp_path: Path) -> None:
     assert file_digest(tmp_path) != before
 
 
-def test_an_edit_in_an_open_gis_is_another_input(
-    tmp_path: Path, make_layer: Callable[..., Path]
-) -> None:
+def test_an_edit_in_an_open_gis_is_another_input(tmp_path, make_layer):
     """Also in a process that has read the layer before, as a notebook does."""
     file = make_layer([at(10, 10, 40, 30)])
     grid = Grid(np.zeros((20, 20)), WEST, NORTH, 10.0, pyproj.CRS.from_user_input(LV95).to_wkt())

@@ -173,7 +173,6 @@ def test_shapes_that_cannot_be_used(refused, make_layer, case):
 
 
 def test_metres_tagged_as_degrees(refused, tmp_path):
-    # What GDAL makes of a GeoJSON written in Swiss coordinates.
     path = tmp_path / "release.geojson"
     shape = {"type": "Polygon", "coordinates": [list(map(list, AREA.exterior.coords))]}
     path.write_text(json.dumps({"type": "Feature", "properties": {}, "geometry": shape}))
