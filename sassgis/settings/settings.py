@@ -655,8 +655,6 @@ class OutputSettings(Section):
         limits = self.energy_classes_kj
         if any(low >= high for low, high in itertools.pairwise(limits)):
             raise ConfigError(
-                "limits do not rise",
-                field="energy_classes_kj",
-                found=list(limits),
+                "limits do not rise", field="energy_classes_kj", found=list(limits),
                 expected="numbers in ascending order",
-            )
+            )  # fmt: skip
