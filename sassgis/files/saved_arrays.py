@@ -61,7 +61,7 @@ def write_saved(
 def read_saved(
     path: Path, fingerprint: str, tell: Callable[[str], None]
 ) -> dict[str, NDArray[Any]] | None:
-    """Return arrays of ``write_saved``; None if there are none or, as is told, they do not fit."""
+    """Return arrays of ``write_saved``; None if there are none, or, reported, if unfit."""
     if not path.exists():
         return None
     try:

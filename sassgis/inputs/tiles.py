@@ -30,7 +30,7 @@ from sassgis.settings.crs import crs_name, same_crs
 from sassgis.settings.labels import some_of
 from sassgis.settings.schema import AnyInput, InMemory, Input, named
 
-#: Rasters by their suffix; other files of a folder of tiles are left alone.
+#: Rasters by their suffix; other files of a folder of tiles do not count.
 TILE_SUFFIXES = (".tif", ".tiff", ".asc", ".img", ".bil", ".flt")
 #: Cells of tiles may be off the common lattice by this share of a cell.
 _OFF_LATTICE = 0.01

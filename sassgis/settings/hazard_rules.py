@@ -38,7 +38,7 @@ class Source:
     scenario: str
     frequency: float  # onset frequency: blocks released per year, in the whole area
     rocks: int  # simulated blocks
-    rocks_per_line: int  # blocks of one stratum of the sample: one fall line, or one round of it
+    rocks_per_line: int  # blocks of one stratum of the sample: one repetition of a fall line
     random_points: bool = False  # whether the release points were themselves drawn at random
     block_width_m: float = 0.0  # mean width of the block: twice its mean semi-axis (m)
     # Of the simulated blocks, those whose slope is below the friction at their release point: the

@@ -324,7 +324,6 @@ _VIEW = f"CREATE VIEW a AS {_ENDLESS} fid, geom FROM base WHERE (SELECT count(*)
 _RENAMED = ("PRAGMA legacy_alter_table = on", "ALTER TABLE a RENAME TO base")
 COMPUTED = {
     "the layer": (*_RENAMED, _VIEW),
-    "a view beside it": (f"CREATE VIEW other AS {_ENDLESS} x FROM n",),
     "a table of GDAL": (
         "DROP TABLE gpkg_extensions", f"CREATE VIEW gpkg_extensions AS {_ENDLESS} x FROM n",
     ),

@@ -8,8 +8,6 @@ import pytest
 from affine import Affine
 from helpers.input_files import LV95, NORTH, WEST
 from helpers.one_line import one_line
-from hypothesis import HealthCheck, given, settings
-from hypothesis import strategies as st
 from pyproj import CRS
 
 from sassgis.errors import InputError
@@ -154,19 +152,6 @@ def test_transparency_band_does_no_harm(make_dem):
     grid = read_dem(path)
     assert np.isnan(grid.values[1, 1])
     assert np.isfinite(grid.values).sum() == 19
-
-
-@settings(max_examples=25, suppress_health_check=[HealthCheck.function_scoped_fixture])
-@given(
-    cell=st.floats(0.1, 100.0),
-    west=st.floats(2_500_000.0, 2_800_000.0),
-    north=st.floats(1_100_000.0, 1_250_000.0),
-)
-def test_corner_and_cell_come_through(make_dem, cell, west, north):
-    path = make_dem(HEIGHTS, "any.tif", transform=Affine(cell, 0.0, west, 0.0, -cell, north))
-    grid = read_dem(path)
-    assert (grid.west, grid.north) == (west, north)
-    assert grid.cell_size == pytest.approx(cell, rel=1e-12)
 
 
 def _refused(path, *words, **options):

@@ -216,13 +216,6 @@ def test_raster_of_codes_in_another_system(code_raster, slope_grid):
     assert (classes[:, 16:] == TALUS).all()
 
 
-def test_a_transparency_band_beside_codes_does_no_harm(code_raster, slope_grid):
-    opaque = np.where(np.arange(30) < 12, 0, 255) * np.ones((20, 1))
-    path = code_raster(np.stack([np.ones((20, 30)), opaque]), alpha="yes", nodata=None)
-    classes = ground_raster(settings(path, raster_classes=CODES), slope_grid, TABLE)
-    assert (classes[:, :12] == DEBRIS).all() and (classes[:, 12:] == ROCK).all()
-
-
 @pytest.fixture
 def refused(slope_grid):
     def check(path, *words, grid=None, **keys):
