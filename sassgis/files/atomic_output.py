@@ -30,16 +30,10 @@ MARKER_NAME = ".sassgis-partial"
 #: Lists, in any folder, the single files that commands have written there.
 WRITTEN_NAME = ".sassgis-written"
 _PARTIAL = ".partial"
-#: Open files that clearing takes, where what failed has found that the system allows no more.
-_SPARE = 4
 #: What GDAL puts next to a raster that is only looked at, and file managers into a folder.
 _SIDECAR, _BESIDE = ".aux.xml", (".DS_Store", "Thumbs.db", WRITTEN_NAME)
 #: What SQLite keeps next to a database that is open: parts of it, without which it is damaged.
 _OPEN = ("-wal", "-shm", "-journal")
-
-
-# --- what the disk refuses -------------------------------------------------------------------
-
 #: What the system, GDAL and SQLite say, in other words.
 _REASONS = {
     "no space left": "the disk is full",
@@ -52,6 +46,8 @@ _REASONS = {
 }
 _DISK = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EROFS, errno.EIO)
 _LIBRARIES = ("rasterio", "pyogrio", "sqlite3")
+#: What a list of files may raise that sassgis has not written, or that is not there.
+_NO_LIST = (OSError, ValueError, KeyError, TypeError, AttributeError, RecursionError)
 
 
 def is_text(path: Path) -> bool:
@@ -75,16 +71,14 @@ def writing(path: Path, within: Path | None = None) -> Iterator[None]:
     try:
         yield
     except Exception as error:
+        of_system = isinstance(error, OSError)
         of_disk = isinstance(error, OSError) and error.errno in _DISK
-        if not (isinstance(error, OSError) or _is_library_error(error)):
+        kinds = {kind.__module__.partition(".")[0] for kind in type(error).__mro__}
+        if not (of_system or kinds.intersection(_LIBRARIES)):
             raise
         if within is not None and not of_disk and str(within) not in str(error):
             raise
         raise OutputError(f"{path}: cannot be written: {_reason(error)}") from error
-
-
-def _is_library_error(error: BaseException) -> bool:
-    return any(kind.__module__.partition(".")[0] in _LIBRARIES for kind in type(error).__mro__)
 
 
 def _reason(error: BaseException) -> str:
@@ -93,9 +87,6 @@ def _reason(error: BaseException) -> str:
     detail = (isinstance(error, OSError) and error.strerror) or str(error) or type(error).__name__
     known = (reason for words, reason in _REASONS.items() if words in said)
     return next(known, " ".join(detail.split()))
-
-
-# --- single files ----------------------------------------------------------------------------
 
 
 def write_text(path: Path, text: str) -> None:
@@ -119,12 +110,7 @@ def staged_file(target: Path, overwrite: bool = False) -> Iterator[Path]:
 
     The place has the same name, in a folder next to the target that is deleted after. Missing
     parents are made. A file that is there already is replaced with ``overwrite`` only, and only as
-    a command wrote it.
-
-    Raises
-    ------
-    OutputError
-        If the target exists and must not be replaced, or the disk is full or not writable.
+    a command wrote it; else, and where the disk is full or not writable, OutputError.
     """
     target = Path(os.path.realpath(target))
     _check_file(target, overwrite)
@@ -154,9 +140,8 @@ def _check_file(target: Path, overwrite: bool) -> None:
     if not overwrite:
         raise OutputError(f"{target}: exists already; choose another name, or --overwrite")
     _refuse_open(target, target)
-    if not target.is_file() or content_digest(target) not in _written(target.parent).get(
-        target.name, ()
-    ):
+    known = _written(target.parent).get(target.name, ())
+    if not target.is_file() or content_digest(target) not in known:
         raise OutputError(
             f"{target}: has changed since sassgis wrote it, or is not of sassgis, and is not "
             "deleted even with --overwrite; move it away, or choose another name"
@@ -168,7 +153,7 @@ def _written(folder: Path) -> dict[str, list[str]]:
     try:
         content = json.loads((folder / WRITTEN_NAME).read_text(encoding="utf-8"))
         return {name: list(digests) for name, digests in content.items()}
-    except (OSError, ValueError, TypeError, AttributeError, RecursionError):
+    except _NO_LIST:
         return {}
 
 
@@ -183,9 +168,6 @@ def _list_written(target: Path, fresh: Path) -> None:
         os.replace(work, target.parent / WRITTEN_NAME)
 
 
-# --- folders ---------------------------------------------------------------------------------
-
-
 def partial_folder(target: Path) -> Path:
     """Return the working folder of a result: next to it, so that a rename can put it in place."""
     target = Path(os.path.realpath(target))
@@ -196,26 +178,20 @@ def partial_folder(target: Path) -> Path:
 
 @contextmanager
 def staged_output(target: Path, overwrite: bool, parts: Sequence[str] = ()) -> Iterator[Path]:
-    """Give a working folder that becomes ``target`` if the block ends well.
+    """Give a working folder, ``<target>.partial``, that becomes ``target`` if the block ends well.
 
-    The working folder is ``<target>.partial``; it belongs to the run. When the block ends it is
-    renamed to ``target``; an older result is moved aside first and deleted after. When the block
-    fails, or a run was killed, the folder is cleared, except for a file or folder named
-    ``checkpoint`` (any suffix), which the next run into the same target finds in it.
+    An older result is moved aside first and deleted after. When the block fails, or a run was
+    killed, the folder is cleared, except for a file or folder named ``checkpoint`` (any suffix),
+    which the next run into the same target finds in it. Missing parents of the target are made.
 
-    Missing parents of the target are made. A result that is there already is replaced with
-    ``overwrite`` only, and only if it holds nothing but what its manifest lists, as it was written;
-    ``parts`` are folders in it in which another command may have put a separate result.
-
-    Raises
-    ------
-    OutputError
-        If the target exists and must not be replaced, if the place of the working folder is taken,
-        if another run is writing it, or if the disk is full, not writable, or fails.
+    A result that is there already is replaced with ``overwrite`` only, and only if it holds nothing
+    but what its manifest lists, as it was written; ``parts`` are folders in it in which another
+    command may have put a separate result. Else, if the place of the working folder is taken, if
+    another run is writing it, or if the disk is full, not writable, or fails, OutputError.
     """
     work = partial_folder(target)
     _check_target(target, overwrite, parts)
-    with _locked(work):
+    with alone(target):
         with writing(target, within=work):
             yield work
         with writing(work):
@@ -242,17 +218,6 @@ def output_if_asked(
         yield Path(folder)
 
 
-@contextmanager
-def alone(target: Path) -> Iterator[None]:
-    """Keep other runs from writing into a folder that grows part by part.
-
-    The lock is on the working folder ``<target>.partial``, which is deleted after. OutputError if
-    another run is writing it, or the disk is full or not writable.
-    """
-    with _locked(partial_folder(target)):
-        yield
-
-
 def check_output(target: Path, overwrite: bool) -> None:
     """Raise OutputError where ``staged_output`` would; nothing is touched."""
     _check_target(target, overwrite)
@@ -261,13 +226,9 @@ def check_output(target: Path, overwrite: bool) -> None:
 
 def result_files(folder: Path) -> list[Path]:
     """Return files of a result but for its manifest, and what a working folder does not pass on."""
+    tops = {f: f.relative_to(folder).parts[0] for f in _files(folder)}
     own = (MANIFEST_NAME, MARKER_NAME)
-    return [
-        f
-        for f in _files(folder)
-        if f.relative_to(folder).parts[0] not in own
-        and not _is_saved(f.relative_to(folder).parts[0])
-    ]
+    return [f for f, top in tops.items() if top not in own and not _is_saved(top)]
 
 
 def _files(folder: Path) -> list[Path]:
@@ -328,7 +289,7 @@ def _listed(folder: Path) -> dict[str, str] | None:
         whole = content.pop(MANIFEST_DIGEST, None) in (None, json_digest(content))
         listed[MANIFEST_NAME] = content_digest(file) if whole else "another"
         return listed if "sassgis" in content else None
-    except (OSError, ValueError, KeyError, TypeError, AttributeError, RecursionError):
+    except _NO_LIST:
         return None
 
 
@@ -356,8 +317,13 @@ def _check_work(work: Path) -> None:
 
 
 @contextmanager
-def _locked(work: Path) -> Iterator[None]:
-    """Make, mark, lock and clear the working folder; leave no empty one behind."""
+def alone(target: Path) -> Iterator[None]:
+    """Keep other runs from writing into a folder, which may also grow part by part.
+
+    The lock is on the working folder ``<target>.partial``, which is cleared before and after, and
+    deleted where nothing is kept. OutputError as of ``staged_output``.
+    """
+    work = partial_folder(target)
     _check_work(work)
     with writing(work):
         work.mkdir(parents=True, exist_ok=True)
@@ -366,11 +332,12 @@ def _locked(work: Path) -> Iterator[None]:
             lock.acquire(timeout=0)
         except Timeout as error:
             raise OutputError(f"{work}: another run is writing this result") from error
+    # Open files that clearing takes, where what failed has found that the system allows no more.
     spare = ExitStack()
     try:
         _clear(work)
         with writing(work):
-            for _ in range(_SPARE):
+            for _ in range(4):
                 spare.enter_context(open(os.devnull, "rb"))  # noqa: SIM115
         yield
     finally:

@@ -55,7 +55,7 @@ def json_digest(plain: object) -> str:
 
 @cache
 def program_digest() -> str:
-    """Return SHA-256 of the package, code and data, and of the versions of what it computes with.
+    """Return SHA-256 of the package, code and data, and of the libraries that it computes with.
 
     What is kept from an earlier run may have been made by another program.
     """
@@ -71,8 +71,7 @@ def program_digest() -> str:
 def value_digest(value: object) -> str:
     """Return SHA-256 of frozen data: plain values, arrays, geometries, and dataclasses of them.
 
-    The paths of files do not count: what they hold does, where it was read. TypeError for a value
-    of another kind.
+    Paths of files do not count, what they hold does, where it was read. TypeError for other values.
     """
     total = hashlib.sha256()
     _add(total, value)

@@ -64,7 +64,7 @@ _PROJ_DATA = Path(pyogrio.__file__).parent / "proj_data"
 def offline() -> Iterator[None]:
     """Keep rasterio and pyogrio, each with a separate GDAL, off the network.
 
-    Servers named in the environment variable ``NO_PROXY`` are left out: they can be reached.
+    Servers named in the environment variable ``NO_PROXY`` can be reached all the same.
     """
     with pyogrio_settings(_SETTINGS), rasterio.Env(**_SETTINGS):
         yield
@@ -111,7 +111,7 @@ def open_dataset(file: Path) -> DatasetReader:
 
 
 def kept_dataset(file: Path) -> DatasetReader:
-    """Open as open_dataset does; return the same file's data set again, with what GDAL kept of it.
+    """Open as open_dataset does, once as long as the file stays: with what GDAL kept of it.
 
     Neighbouring release areas read the same tiles of a terrain model.
     """
@@ -138,7 +138,13 @@ def vector_file(file: Path, field: str | None) -> Iterator[None]:
     """Have a vector file read within the block, if it is of a format that is named above."""
     check_file(file, field, VECTOR, folders=True)
     try:
-        if not _is_vector(head := _head(file)):
+        if file.is_dir():
+            is_known = file.suffix.lower() == ".gdb" and (file / "a00000001.gdbtable").is_file()
+            head = _SHAPES if is_known else b""
+        else:
+            with file.open("rb") as stream:
+                head = stream.read(_HEAD)
+        if not _is_vector(head):
             raise ValueError("none of the formats that are read")
         if head.startswith(_SQLITE) and (computed := _computed_table(file)):
             raise InputError(
@@ -174,17 +180,16 @@ def read_frame(file: Path, layer: str, **options: Any) -> Any:
 
 def with_composed(frame: Any) -> Any:
     """Return a frame whose columns have their names in one Unicode form; itself where they have."""
-    names = {name: composed(name) for name in frame.columns if isinstance(name, str)}
-    other = {name: own for name, own in names.items() if own != name}
+    texts = [name for name in frame.columns if isinstance(name, str)]
+    other = {name: composed(name) for name in texts if composed(name) != name}
     return frame.rename(columns=other) if other else frame
 
 
 def _encoding(file: Path, layer: str, taken: str) -> str | None:
     """Return the encoding of the texts of a shapefile; None for the one that it states.
 
-    Without a .cpg GDAL takes them for ISO-8859-1, as if that were stated. No other text than ASCII
-    is UTF-8 by chance. ``taken`` is what GDAL leaves to its caller: UTF-8 where it knows what is
-    stated.
+    Without a .cpg GDAL takes them for ISO-8859-1. No other text than ASCII is UTF-8 by chance.
+    ``taken`` is what GDAL leaves to its caller: UTF-8 where it knows what is stated.
     """
 
     def texts(encoding: str | None) -> Any:
@@ -215,18 +220,6 @@ def _computed_table(file: Path) -> str:
             found = own.execute("SELECT sql FROM sqlite_master WHERE sql IS NOT NULL")
             return next((str(sql)[:100] for (sql,) in found if not _PLAIN.match(str(sql))), "")
     raise ValueError("a database that cannot be opened")
-
-
-def _head(file: Path) -> bytes:
-    """Return the begin of a file.
-
-    For a file geodatabase, which is a folder, it is that of other binary files.
-    """
-    if file.is_dir():
-        known = file.suffix.lower() == ".gdb" and (file / "a00000001.gdbtable").is_file()
-        return _SHAPES if known else b""
-    with file.open("rb") as stream:
-        return stream.read(_HEAD)
 
 
 def _is_vector(head: bytes) -> bool:

@@ -55,32 +55,21 @@ def files_of(given: Path) -> list[Path]:
     """Return the files that an input consists of: itself, then those next to it, each once.
 
     Of a virtual raster also the tiles that it shows with theirs, of a folder all files in it.
-
-    Raises
-    ------
-    InputError
-        One of them is a pipe or a device, or a virtual raster is not one that is read.
-    OSError
+    OSError; InputError if one is a pipe or a device, or a virtual raster is not one that is read.
     """
     if given.is_dir():
         inner = sorted(
             f for f in given.rglob("*") if f.is_file() and not f.name.endswith(_NO_CONTENT)
         )
         return list(dict.fromkeys(part for file in inner for part in files_of(file)))
+    tiles = _mosaic(given, stamp_of(given.stat()))[1] if _is_mosaic(given) else ()
     listed = cache(_names_in)
-    shown = (
-        part
-        for tile in _mosaic_sources(given)
-        for part in (tile, *_beside(tile, listed(os.path.dirname(tile))))
-    )
+    shown = (p for t in tiles for p in (t, *_beside(t, listed(os.path.dirname(t)))))
     return list(dict.fromkeys([given, *_beside(given), *shown]))
 
 
 def file_digest(given: AnyInput) -> str:
-    """Return SHA-256 of an input: of all files that it consists of, wherever they lie.
-
-    InputError if one cannot be read.
-    """
+    """Return SHA-256 of all files that an input consists of; InputError if one cannot be read."""
     if isinstance(given, InMemory):
         return given.digest
     main = Path(given)
@@ -148,21 +137,12 @@ def _names_in(folder: str) -> frozenset[str] | None:
         return None
 
 
-# ---------------------------------------------------------------------------------------------
-# Virtual rasters
-
-
 def mosaic_text(file: Path) -> str | None:
     """Return a virtual raster as GDAL is to see it, with absolute paths; None of any other file.
 
     InputError if it is more than a mosaic of GeoTIFF files.
     """
     return _mosaic(file, stamp_of(file.stat()))[0] if _is_mosaic(file) else None
-
-
-def _mosaic_sources(file: Path) -> tuple[Path, ...]:
-    """Return the files that hold the values of a virtual raster; none of any other file."""
-    return _mosaic(file, stamp_of(file.stat()))[1] if _is_mosaic(file) else ()
 
 
 def mosaic_places(file: Path) -> tuple[tuple[int, int, int, int], ...]:

@@ -13,7 +13,7 @@ import zipfile
 from collections.abc import Callable, Mapping
 from functools import lru_cache
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -29,22 +29,13 @@ _HEX, _BLOCK = 64, 1 << 20
 _DAMAGE = (OSError, ValueError, zipfile.BadZipFile)
 
 
-def _every(_name: str) -> bool:
-    return True
-
-
-class _Seal(NamedTuple):
-    fingerprint: str
-    digest: str
-
-
 def write_saved(
     path: Path, arrays: Mapping[str, ArrayLike], fingerprint: str, *, compressed: bool = False
 ) -> str:
     """Write arrays next to it and rename, so that a full disk leaves the older state; their digest.
 
-    The arrays hold no objects. ``fingerprint`` is that of the settings and inputs that they belong
-    to; the program is added here.
+    They hold no objects. ``fingerprint`` is that of the settings and inputs that they belong to;
+    the program is added here.
     """
     kind = zipfile.ZIP_DEFLATED if compressed else zipfile.ZIP_STORED
     fresh = path.with_suffix(".new")
@@ -70,15 +61,11 @@ def write_saved(
 def read_saved(
     path: Path, fingerprint: str, tell: Callable[[str], None]
 ) -> dict[str, NDArray[Any]] | None:
-    """Return arrays of ``write_saved``.
-
-    None if there are none, or they do not fit, which is reported.
-    """
+    """Return arrays of ``write_saved``; None if there are none, or, reported, if unfit."""
     if not path.exists():
         return None
     try:
-        seal = _seal(path)
-        if seal.fingerprint == _of_program(fingerprint):
+        if _seal(path)[0] == _of_program(fingerprint):
             return _arrays(path)
         tell(unfit(path, "of other settings, inputs or versions"))
     except _DAMAGE:
@@ -90,21 +77,13 @@ def saved_or_refused(
     path: Path,
     expected: str,
     digest: str | None = None,
-    wanted: Callable[[str], bool] = _every,
+    wanted: Callable[[str], bool] = lambda _name: True,
 ) -> dict[str, NDArray[Any]]:
     """Return the ``wanted`` arrays of ``write_saved``.
 
-    Parameters
-    ----------
-    expected : str
-        What they are, and what to do without them.
-    digest : str, optional
-        What ``write_saved`` returned; then the file is looked through once, until it changes.
-
-    Raises
-    ------
-    InputError
-        There are none, they are damaged or changed, or others than those of the digest.
+    ``expected`` says what they are, and what to do without them; with the ``digest`` that
+    ``write_saved`` returned the file is looked through once, until it changes. InputError if there
+    are none, they are damaged or changed, or others than those of the digest.
     """
     try:
         if digest is None:
@@ -119,7 +98,7 @@ def saved_or_refused(
 def saved_digest(path: Path) -> str:
     """Return digest by ``write_saved``; empty if the file is damaged, changed or missing."""
     try:
-        return _seal(path).digest
+        return _seal(path)[1]
     except _DAMAGE:
         return ""
 
@@ -138,23 +117,21 @@ def _of_program(fingerprint: str) -> str:
     return hashlib.sha256(f"{program_digest()} {fingerprint}".encode()).hexdigest()
 
 
-def _arrays(path: Path, wanted: Callable[[str], bool] = _every) -> dict[str, NDArray[Any]]:
+def _arrays(
+    path: Path, wanted: Callable[[str], bool] = lambda _name: True
+) -> dict[str, NDArray[Any]]:
     with np.load(path, allow_pickle=False) as stored:
         return {name: stored[name] for name in stored.files if wanted(name)}
 
 
-def _seal(path: Path) -> _Seal:
-    """Return the fingerprint and digest of a file.
-
-    Raises ValueError or OSError if the file is not as it was saved.
-    """
+def _seal(path: Path) -> tuple[str, str]:
+    """Return fingerprint and digest of a file; ValueError or OSError if it is not as saved."""
     with path.open("rb") as stream:
         stream.seek(-2 * _HEX, os.SEEK_END)
         end = stream.read().decode("ascii")
-    seal = _Seal(end[:_HEX], end[_HEX:])
-    if seal.digest != _digest(path, path.name):
+    if end[_HEX:] != _digest(path, path.name):
         raise ValueError
-    return seal
+    return end[:_HEX], end[_HEX:]
 
 
 def _digest(path: Path, name: str) -> str:

@@ -49,10 +49,7 @@ class VectorLayer:
 
 @cache
 def descriptions() -> dict[str, dict[str, dict[str, str]]]:
-    """Return rows of ``data/map_layers.csv`` by layer and column.
-
-    The row of the layer has the column "".
-    """
+    """Return rows of ``data/map_layers.csv`` by layer and column; "" is the layer's own row."""
     layers: dict[str, dict[str, dict[str, str]]] = {}
     for row in built_in_rows("map_layers"):
         for key in row["layer"].split():
@@ -73,9 +70,9 @@ def described_layer(
 ) -> VectorLayer:
     """Return a layer whose title, description and columns are those of ``data/map_layers.csv``.
 
-    Its key there is the name of the layer, with a suffix after a point where several kinds of
-    layers have it. ``crs`` is well-known text, empty for local coordinates; ``fields`` describes
-    columns that only the result knows; ``words`` take the places of ``{...}`` in the table.
+    Its key there is its name, with a suffix after a point where several kinds of layers have it.
+    ``crs`` is well-known text, empty for local coordinates; ``fields`` describes columns that only
+    the result knows; ``words`` take the places of ``{...}`` in the table.
     """
     frame = gpd.GeoDataFrame(columns, geometry=geometry, crs=crs or None)
     own = descriptions()[key]
@@ -106,10 +103,7 @@ def translated_raster(layer: RasterLayer) -> RasterLayer:
 
 
 def translated_vector(layer: VectorLayer) -> VectorLayer:
-    """Return a layer with its title, description, legend and columns.
-
-    The values of its columns stay: they are codes.
-    """
+    """Return a layer with its title, description, legend and columns; their values are codes."""
     if current_language() == "en":
         return layer
     classes = tuple(with_translated(entry, "label") for entry in layer.style.classes)

@@ -105,8 +105,6 @@ FILE_KEYS: Mapping[str, tuple[str, ...]] = {
     for name, keys in declared_sections().items()
 }
 
-# ---------------------------------------------------------------------------------------------
-# Reading
 
 EffectTable = tuple[EffectSection, Section | None]
 
@@ -418,10 +416,6 @@ def settings_hash(config: Config, *, sections: Iterable[str] = PHYSICS_SECTIONS)
 _PATH_KEYS = frozenset(key for keys in FILE_KEYS.values() for key in keys)
 
 
-# ---------------------------------------------------------------------------------------------
-# What is wrong
-
-
 def _cross_checks(sections: Mapping[str, Any], file: Path | None) -> list[ConfigError]:
     """Check what no section can see by itself."""
     wrong = partial(ConfigError, file=file)
@@ -445,14 +439,10 @@ def _cross_checks(sections: Mapping[str, Any], file: Path | None) -> list[Config
         problems += [twice(found=repr(n)) for n, count in Counter(names).items() if count > 1]
     kept_to_lines = sections["terrain"].path == "fall_line"
     if kept_to_lines and LateralDeflection.name in sections["effects"]:
-        problems.append(
-            wrong(
-                "has no meaning on fall lines: it turns the heading of paths that are followed",
-                field=f"effects.{LateralDeflection.name}",
-                found='terrain.path = "fall_line"',
-                expected='terrain.path = "followed" (the default)',
-            )  # fmt: skip
-        )
+        problem = "has no meaning on fall lines: it turns the heading of paths that are followed"
+        field, expected = f"effects.{LateralDeflection.name}", '"followed" (the default)'
+        found, expected = 'terrain.path = "fall_line"', f"terrain.path = {expected}"
+        problems.append(wrong(problem, field=field, found=found, expected=expected))
     return problems
 
 

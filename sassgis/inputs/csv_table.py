@@ -22,10 +22,7 @@ _TRUTH = {"true": True, "yes": True, "1": True, "false": False, "no": False, "0"
 
 @dataclass(frozen=True, slots=True)
 class CsvColumn:
-    """A column of a table: what may stand in it.
-
-    Numbers may have decimal commas where a spreadsheet separates by ``;``.
-    """
+    """What may stand in a column; numbers with decimal commas where ``;`` separates."""
 
     kind: type = str  # or float, int, bool
     known: Sequence[str] = ()  # the texts that may stand in it; empty for any
@@ -103,9 +100,9 @@ def csv_rows(text: str, file: Input, columns: Columns) -> Iterator[tuple[str, di
 def csv_cells(text: str, file: Input) -> tuple[list[str], str, Iterator[tuple[int, list[str]]]]:
     """Return cells of a CSV text as they stand: columns, delimiter, rows.
 
-    The columns are those of the first line, the delimiter is "," or ";": what it has more of. A row
-    is the number of its line, and its cells; empty lines are left out. InputError, also while the
-    rows are taken, if it is no such text, or has too many columns.
+    The delimiter is "," or ";": what the first line has more of. A row is the number of its line,
+    and its cells; empty lines are left out. InputError, also while the rows are taken, if it is no
+    such text, or has too many columns.
     """
     lines = composed(text).splitlines()
     header = lines[0] if lines else ""

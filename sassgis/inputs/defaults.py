@@ -33,7 +33,7 @@ _RELEASE_LAYERS = ("release_areas", "release")
 def start_keys(folder: Path, dem: Path | None, release: Path | None) -> StartKeys:
     """Return the keys that the files of a site decide.
 
-    Paths are written as seen from the folder of the configuration. ``release`` holds release areas;
+    Paths are written as seen from the folder of the configuration. ``release`` holds release areas,
     or it is a GeoPackage of ``sassgis new``, of which every layer with features is used.
     """
     keys: StartKeys = []

@@ -89,10 +89,7 @@ def describe_dem(
 
 
 def read_dem_part(dem: DemFile, rows: slice, cols: slice) -> FloatArray:
-    """Return heights (m) of some rows and columns of a raster with square cells and north up.
-
-    They are float64 of shape (n_rows, n_cols), NaN for nodata.
-    """
+    """Return heights (m) of some rows and columns of a raster that is plain; NaN for nodata."""
     with open_raster(dem.file, "terrain.dem", keep=True) as dataset:
         return _heights(dataset, dem, Window.from_slices(rows, cols))
 
@@ -103,26 +100,20 @@ def read_dem(
     vertical_datum: str | None = None,
     override_crs: bool = False,
 ) -> Grid:
-    """Read a terrain model.
+    """Read a terrain model: heights in metres, NaN where nothing is known.
 
     Parameters
     ----------
     path
-        A raster with one band of heights, of one of the formats of sassgis.files.gdal_safety.
+        A raster with one band of heights, of one of the formats of sassgis.files.gdal_safety. If it
+        is rotated or its cells are not square, it is resampled (bilinear) to square cells of the
+        shorter side; a notice says so.
     crs
-        Coordinate system that is used where the file has none, as pyproj understands it
-        ("EPSG:2056"), or "local" for local coordinates in metres. If the file has one, both must
-        be the same, unless ``override_crs``.
+        Coordinate system where the file has none, as pyproj understands it ("EPSG:2056"), or
+        "local" for local coordinates in metres. If the file has one, both must be the same, unless
+        ``override_crs``: then this one counts.
     vertical_datum
-        Name of the height system that is used where the file states none.
-    override_crs
-        Whether ``crs`` counts even though the file states another system.
-
-    Returns
-    -------
-    Grid
-        Heights in metres, NaN where nothing is known. Rotated rasters and rasters whose cells are
-        not square are resampled (bilinear) to square cells of the shorter side; the log says so.
+        Name of the height system where the file states none.
     """
     file = named(path)
     with open_raster(file, "terrain.dem") as dataset:
@@ -140,13 +131,9 @@ def read_dem(
         if not np.isfinite(values).any():
             raise wrong("holds no height at all after resampling")
     return Grid(
-        values=np.ascontiguousarray(values),
-        west=transform.c,
-        north=transform.f,
-        cell_size=(transform.a - transform.e) / 2.0,
-        crs=dem.crs,
-        vertical_datum=dem.vertical_datum,
-    )
+        values=np.ascontiguousarray(values), west=transform.c, north=transform.f,
+        cell_size=(transform.a - transform.e) / 2.0, crs=dem.crs, vertical_datum=dem.vertical_datum,
+    )  # fmt: skip
 
 
 def require_room(shape: tuple[int, int], file: Input) -> None:
@@ -170,10 +157,6 @@ def _described(
     check_text("" if plane is None else plane.name, file, "coordinate system")
     wkt = "" if plane is None else plane.to_wkt()
     return DemFile(file, band, transform, dataset.shape, wkt, datum, vertical_unit)
-
-
-# ---------------------------------------------------------------------------------------------
-# Opening
 
 
 @contextmanager
@@ -227,11 +210,9 @@ def _opaque_bands(dataset: Any) -> list[int]:
 
 
 def only_band(dataset: Any, file: Input, field: str, wanted: str) -> int:
-    """Return the number of the one band of a raster on the map.
+    """Return the number of the one band of a raster on the map, transparency left out.
 
-    A transparency band next to it does no harm.
-
-    ``wanted`` says what the band should hold, for messages.
+    ``wanted`` says what it should hold, for messages.
     """
     wrong = partial(InputError, file=file, field=field)
     bands = _opaque_bands(dataset)
@@ -264,10 +245,6 @@ def _outer_bounds(transform: Affine, shape: tuple[int, int]) -> tuple[float, flo
     x = [a * col + b * row + c for col, row in corners]
     y = [d * col + e * row + f for col, row in corners]
     return min(x), min(y), max(x), max(y)
-
-
-# ---------------------------------------------------------------------------------------------
-# Heights
 
 
 def _height_unit(dataset: Any, band: int, file: Input, vertical_unit: float) -> float:
@@ -397,10 +374,6 @@ def burnt(
     return np.asarray(rasterize(shapes, grid.shape, fill, dtype=kind, **where))
 
 
-# ---------------------------------------------------------------------------------------------
-# North up, square cells
-
-
 def _north_up(values: FloatArray, transform: Affine) -> tuple[FloatArray, Affine]:
     """Turn rasters whose rows run north or whose columns run west."""
     if transform.b or transform.d:
@@ -457,16 +430,10 @@ def resample(
     """
     result = np.full(shape, nodata, dtype=values.dtype)
     reproject(
-        np.ascontiguousarray(values),
-        result,
-        src_transform=transform,
-        dst_transform=target,
-        src_crs=systems[0],
-        dst_crs=systems[1],
-        src_nodata=nodata,
-        dst_nodata=nodata,
+        np.ascontiguousarray(values), result, src_transform=transform, dst_transform=target,
+        src_crs=systems[0], dst_crs=systems[1], src_nodata=nodata, dst_nodata=nodata,
         resampling=how,
-    )
+    )  # fmt: skip
     return result
 
 

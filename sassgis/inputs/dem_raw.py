@@ -118,10 +118,7 @@ def _heights(dataset: Any, band: int, file: Path, factor: float) -> tuple[FloatA
 
 
 def _cell_sizes(dataset: Any, wkt: str) -> tuple[float, float, float, float, bool]:
-    """Return the width and height of a cell in metres and in the coordinates of the file.
-
-    The last value is whether they are known.
-    """
+    """Return the size of a cell in metres and as in the file, and whether metres are known."""
     t = dataset.transform
     width, height = math.hypot(t.a, t.d), math.hypot(t.b, t.e)
     system = None

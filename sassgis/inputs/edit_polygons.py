@@ -59,15 +59,13 @@ def edit_fields(codes: Sequence[str], in_result: bool) -> dict[str, FieldInfo]:
     choices = {"level": (NO_LEVEL, *codes), "limit": ("at_least", "at_most")}
     return {
         name: FieldInfo(
-            rows[name]["alias"],
-            rows[name]["unit"],
-            rows[name]["description"],
+            rows[name]["alias"], rows[name]["unit"], rows[name]["description"],
             choices=choices.get(name, ()),
             default=_DEFAULTS.get(name, "") if in_result or name != "computed" else "",
             needed=name in _NEEDED,
         )
         for name in (*_DRAWN, *(("computed_now", "changed_share") if in_result else ()))
-    }
+    }  # fmt: skip
 
 
 def read_edits(settings: EditSettings, preset: HazardPreset, grid: Grid) -> tuple[Edit, ...]:
@@ -133,7 +131,7 @@ def _edit(feature: Feature, codes: Sequence[str], grid: Grid) -> Edit:
 def with_earlier(edits: Sequence[Edit], folder: Path) -> tuple[Edit, ...]:
     """Complete edits that lack what was computed below them from an earlier result.
 
-    ``folder`` is that of the result that is replaced; it may not exist.
+    It is the one in ``folder`` that is replaced, if there is any.
     """
     frame = read_layer(folder / EDITS_FILE, EDITS_LAYER)
     if frame is None or "computed" not in frame:

@@ -96,10 +96,6 @@ def _from_raster(file: Input, grid: Grid, key: str, may_miss: bool) -> FloatArra
     return out
 
 
-# ---------------------------------------------------------------------------------------------
-# Single trees
-
-
 def _from_trees(file: Input, grid: Grid, whole: Grid) -> tuple[FloatArray, FloatArray]:
     """Count the stems per hectare within TREES_WITHIN_M of each cell, and find their diameter.
 

@@ -18,8 +18,7 @@ THRESHOLDS = Path(str(files("sassgis").joinpath("data/gap_thresholds.json")))
 def read_thresholds(file: Path | None = None) -> dict[str, Any]:
     """Return the frozen thresholds of the diagnosis; InputError if their file cannot be read.
 
-    It must have the list ``battery_seeds``: the batteries that were looked at while they were
-    chosen.
+    Its list ``battery_seeds`` names the batteries that were looked at while they were chosen.
     """
     path = file or THRESHOLDS
     try:

@@ -30,19 +30,15 @@ _NO_CODE = np.iinfo(np.int32).min
 _DATA = resources.files("sassgis") / "data"
 
 
-# ---------------------------------------------------------------------------------------------
-# Tables
-
-
 #: The built-in classes by named set of readings. Values calibrated with one set of readings would
 #: be wrong with another; those for "1986" are the estimates that its studies were made with.
 _BUILT_IN = {"hazard": "ground_classes.csv", "1986": "ground_classes_1986.csv"}
 
 
 def built_in_table(readings: str = "hazard") -> GroundTable:
-    """Return ground classes that come with sassgis; ``source`` says what was read and what chosen.
+    """Return ground classes that come with sassgis, for a named set of readings of the engine.
 
-    ``readings`` is the named set of readings of the engine.
+    ``source`` says what was read and what chosen.
     """
     with resources.as_file(_DATA / _BUILT_IN[readings]) as file:
         return GroundTable(tuple(_read_classes(file)))
@@ -51,9 +47,8 @@ def built_in_table(readings: str = "hazard") -> GroundTable:
 def read_ground_table(path: AnyInput | None = None, readings: str = "hazard") -> GroundTable:
     """Read the ground classes of a run.
 
-    The user's table, CSV or TOML (``[[classes]]``), has the columns name, eta_max, dp_min,
-    dp_max, mu_f, mu_0, k, d_star_m, restitution, restitution_speed_mps, rolling_threshold and, if
-    wanted, speed_loss, source and trust. A class of a built-in name replaces that one; others are
+    The user's table, CSV or TOML (``[[classes]]``), has a name and the PARAMETERS of a GroundClass
+    and, if wanted, source and trust. A class of a built-in name replaces that one; others are
     added. ``readings`` are those of built_in_table.
     """
     table = built_in_table(readings)
@@ -148,20 +143,14 @@ def _read_rules(file: Input, table: GroundTable | None) -> tuple[RangeRule, ...]
     return tuple(rules)
 
 
-# ---------------------------------------------------------------------------------------------
-# The map of classes
-
-
 def ground_raster(
     ground: GroundSettings, grid: Grid, table: GroundTable, whole: Grid | None = None
 ) -> NDArray[np.int32]:
-    """Return ground class of each cell of the DEM, as position in the table.
+    """Return the ground class of each cell of the DEM, as position in the table (int32).
 
-    The array is int32, of the shape of the grid.
-
-    A cell takes the class of the polygon over its centre (polygon_of_cells). A raster of codes is
-    aligned by the nearest cell. Where nothing is said, the default class. What the file holds must
-    meet the ``whole`` terrain model of which the grid is a part; its heights are not looked at.
+    A cell takes the class of the polygon over its centre (polygon_of_cells), or of the nearest cell
+    of a raster of codes; where nothing is said, the default class. What the file holds must meet
+    the ``whole`` terrain model of which the grid is a part; its heights are not looked at.
     """
     default = default_class(ground, table)
     if ground.file is None:

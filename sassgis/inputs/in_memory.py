@@ -39,19 +39,10 @@ _WANTED = (
 def as_input(value: object, name: str) -> Input:
     """Return input that a value is: a path stays one, what is in memory gets a name and a digest.
 
-    Parameters
-    ----------
-    value : object
-        A path; a raster as xarray's DataArray (as rioxarray opens it), Grid, or a tuple of array,
-        affine transform and coordinate system; a GeoDataFrame, GeoSeries or shapely geometry; a
-        DataFrame; or ground classes.
-    name : str
-        What messages call it: its key in the configuration.
-
-    Raises
-    ------
-    InputError
-        It is none of these, or a raster has no place.
+    A raster may be xarray's DataArray (as rioxarray opens it), a Grid, or a tuple of array, affine
+    transform and coordinate system; a layer a GeoDataFrame, GeoSeries or shapely geometry; a table
+    a DataFrame or ground classes. ``name`` is what messages call it: its key in the configuration.
+    InputError if it is none of these, or a raster has no place.
     """
     if isinstance(value, InMemory):
         return value
@@ -140,10 +131,7 @@ def _from_data_array(array: Any, name: str) -> InMemory:
 
 
 def _stated_scale(attributes: Mapping[str, Any], name: str) -> tuple[float, float]:
-    """Read factor and offset from stored to true values.
-
-    rioxarray hands them on unless it is set to apply them.
-    """
+    """Read factor and offset from stored to true values, which rioxarray may hand on."""
     wrong = partial(InputError, field=name, expected="values opened with mask_and_scale=True")
     if of_bands := [key for key in ("scales", "offsets") if key in attributes]:
         raise wrong(f"has {of_bands[0]} that differ by band", found=attributes[of_bands[0]])

@@ -46,17 +46,13 @@ _MOST_STRETCHES = 50_000
 _BORDER = 1e-6
 
 
-# ---------------------------------------------------------------------------------------------
-# Objects
-
-
 def read_objects(settings: ObjectSettings, grid: Grid) -> PlacedObjects:
     """Read a layer of exposed objects; roads and lines are cut into stretches of equal length.
 
     An attribute goes before a number for all, which holds where the attribute is empty. Buildings
     and people are hit by blocks whose centre comes within ``radius_m``: half the width of a block,
     or the reach of people given as points. The objects are in the order of the file, stretches by
-    chainage. Stretches of roads outside the DEM are left out, with a warning.
+    chainage. Stretches outside the DEM are left out, with a notice.
     """
     file, key, kinds = settings.file, _key(settings), _SHAPES[settings.kind]
     _check_settings(settings, grid)
@@ -196,17 +192,10 @@ def _warn(placed: PlacedObjects, grid: Grid, file: Input) -> None:
             )
 
 
-# ---------------------------------------------------------------------------------------------
-# Stretches of roads and lines
-
-
 def _stretches(
     whole: ExposedObject, geometry: Any, segment_m: float, grid: Grid, file: Input
 ) -> list[tuple[ExposedObject, Any]]:
-    """Return equal parts of about ``segment_m``.
-
-    The chainage runs on over separate parts of a line.
-    """
+    """Return equal parts of about ``segment_m``; the chainage runs on over separate parts."""
     line = shapely.line_merge(geometry) if geometry.geom_type.startswith("Multi") else geometry
     parts = list(getattr(line, "geoms", [line]))
     if len(parts) > 1:
@@ -258,17 +247,12 @@ def chainage(metres: float, digits: int = 0) -> str:
     return f"{int(km)}+{rest:0{width}.{digits}f}"
 
 
-# ---------------------------------------------------------------------------------------------
-# Cells
-
-
 def object_cells(placed: PlacedObjects, grid: Grid) -> tuple[IntArray, IntArray]:
     """Return cells that each object touches.
 
-    An object is known to the simulation by these cells: it is up to one cell wider, on each side,
-    than it is drawn. A cell may belong to several objects, but to one stretch of a road only: of
-    those that touch it, the one that is nearest to its centre. The cells of a road's stretches
-    therefore add up to the cells of the road.
+    The simulation knows an object by these cells: it is up to one cell wider, on each side, than it
+    is drawn. A cell may belong to several objects, but to one stretch of a road only: the one that
+    is nearest to its centre, so that the cells of the stretches add up to those of the road.
 
     Both arrays are int64 of shape (n,): flat indices of cells, ascending, and the number of the
     object of each, ascending within a cell.
@@ -330,16 +314,12 @@ def _under_polygon(shape: Any, grid: Grid) -> IntArray:
     return np.concatenate(kept)
 
 
-# ---------------------------------------------------------------------------------------------
-# Vulnerability
-
-
 def read_vulnerability(file: Input, intensities: Sequence[str]) -> Vulnerability:
     """Read what a hit does to objects of each kind.
 
     The CSV has the columns kind, intensity, vulnerability, lethality, source; ``intensities`` are
-    the codes of the intensity classes, from weak to strong. Where a number falls with the
-    intensity, a warning is logged.
+    the codes of the intensity classes, from weak to strong. There is a notice where a number falls
+    with the intensity.
     """
     field = "risk.vulnerability"
     columns = {

@@ -66,7 +66,7 @@ def read_observations(
     drop_m: float = 0.0,
     density_kgm3: float = DENSITY_KGM3,
 ) -> Observations:
-    """Read observations, check them, and leave out what cannot be used.
+    """Read observations, check them, and leave out what cannot be used; each finding is a notice.
 
     Parameters
     ----------
@@ -76,15 +76,9 @@ def read_observations(
     grid
         The DEM. Geometries are brought into its coordinates, and all is compared with it.
     drop_m
-        Height above the ground from which blocks were let go, at most.
+        Height above the ground from which blocks were released, at most.
     density_kgm3
         Of rocks of which it was not observed.
-
-    Returns
-    -------
-    Observations
-        With the findings; each is logged as well. What they call left out is not in the tables.
-        Passages are computed from contacts where none were observed.
 
     Raises
     ------
@@ -133,10 +127,9 @@ def validate_observations(
     drop_m: float = 0.0,
     density_kgm3: float = DENSITY_KGM3,
 ) -> list[ObservationFinding]:
-    """Collect findings on observations, as read or made up by a program.
+    """Collect findings on observations, as read or made up by a program; errors come first.
 
-    Errors come first; ``str`` returns one line that names file, table, column and row. Without the
-    DEM, nothing is compared with the terrain.
+    Without the DEM, nothing is compared with the terrain.
     """
     checked = check_observations(observations, grid, drop_m, density_kgm3)
     fresh = [f for f in checked if f not in observations.findings]

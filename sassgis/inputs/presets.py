@@ -8,6 +8,7 @@ from functools import cache, partial
 from importlib import resources
 from os import PathLike
 from pathlib import Path
+from types import GenericAlias
 from typing import Annotated, Any, NotRequired
 
 from pydantic import Field, TypeAdapter, ValidationError
@@ -54,11 +55,11 @@ _LISTS, _OPTIONAL = ("intensity", "levels"), ("rarest", "sheet")
 def _document() -> TypeAdapter[dict[str, Any]]:
     kinds: dict[str, Any] = {"title": _Text}
     for name, keys in _SECTIONS.items():
-        own = table_type(name, keys)
+        own: Any = table_type(name, keys)
         if name in _LISTS:
-            own = list[own]
+            own = GenericAlias(list, own)
         elif name in ("sources", "matrix"):
-            own = dict[str, own]
+            own = GenericAlias(dict, (str, own))
         kinds[name] = NotRequired[own] if name in _OPTIONAL else own
     return TypeAdapter(table_type("preset", kinds))
 
@@ -118,27 +119,24 @@ def _preset(text: str, name: str, file: str) -> HazardPreset:
     for where, row in rows.items():
         for code in row["levels"]:
             refer(code, codes, "names no level", field=f"{where}.levels")
-    periods, rarest, sheet = (content.get(k) for k in ("return_periods", "rarest", "sheet"))
+    periods, rarest = content["return_periods"], content.get("rarest")
+    if sheet := content.get("sheet"):
+        key = sheet.pop("source")
+        sheet_rules: SheetRules | None = SheetRules(**sheet, provenance=source(key, "sheet"))
+    else:
+        # Rules that say nothing of sheets: those that come with sassgis.
+        sheet_rules = read_preset("ch-so").sheet
     return HazardPreset(
-        name,
-        content["title"].strip(),
-        intensities,
-        tuple(periods["limits_years"]),
-        source(periods["source"], "return_periods"),
-        levels,
+        name, content["title"].strip(), intensities, tuple(periods["limits_years"]),
+        source(periods["source"], "return_periods"), levels,
         tuple(tuple(codes.index(code) for code in row["levels"]) for row in rows.values()),
         tuple(
             tuple(source(key, where) for key in _sources_of(row, where, file))
             for where, row in rows.items()
         ),
-        file,
-        rarest and rarest["years"],
-        rarest and source(rarest["source"], "rarest"),
-        # Rules that say nothing of sheets: those that come with sassgis.
-        SheetRules(*(sheet[key] for key in _SHEET), source(sheet["source"], "sheet"))
-        if sheet
-        else read_preset("ch-so").sheet,
-    )
+        file, rarest and rarest["years"], rarest and source(rarest["source"], "rarest"),
+        sheet_rules,
+    )  # fmt: skip
 
 
 def _rows_of(matrix: Mapping[str, Any], known: list[str], file: str) -> dict[str, Any]:
@@ -166,9 +164,6 @@ def _sources_of(row: Mapping[str, Any], where: str, file: str) -> list[str]:
         )  # fmt: skip
     return sources
 
-
-# ---------------------------------------------------------------------------------------------
-# From what pydantic finds to one line
 
 _KEYS = {
     "title": "a line that says whose rules these are",

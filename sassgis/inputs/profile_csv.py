@@ -42,14 +42,10 @@ def read_profile(path: Input, table: GroundTable, default: str) -> ProfileSet:
         raise wrong("is too short for a profile", found=found, expected="two rows or more")
     s, z, ground = zip(*rows, strict=True)
     return ProfileSet(
-        offset=np.array([0, len(s)], np.int64),
-        s=np.array(s),
-        z=np.array(z),
-        ground=np.array(ground, np.int32),
-        cell_offset=np.array([0, 1], np.int64),
-        cell_s=np.array([s[0], s[-1]]),
-        cell=np.array([-1], np.int64),
-    )
+        offset=np.array([0, len(s)], np.int64), s=np.array(s), z=np.array(z),
+        ground=np.array(ground, np.int32), cell_offset=np.array([0, 1], np.int64),
+        cell_s=np.array([s[0], s[-1]]), cell=np.array([-1], np.int64),
+    )  # fmt: skip
 
 
 def check_on_profile(config: Config, profile: ProfileSet) -> None:

@@ -113,20 +113,14 @@ def read_result(folder: Path) -> StoredResult:
     zones, codes = (None, ()) if level is None else _read_zones(folder / ZONE_FILE, level.classes)
     lines = _read_control_lines(folder / RESULT_FILE)
     return StoredResult(
-        folder=folder,
-        manifest=manifest,
-        grid=_read_grid(reach, folder / "maps" / "terrain.tif", manifest),
-        maps=maps,
+        folder=folder, manifest=manifest,
+        grid=_read_grid(reach, folder / "maps" / "terrain.tif", manifest), maps=maps,
         runout_m=_read_runout(folder / RESULT_FILE),
         control_lines={str(r["name"]): r for r in lines},
         traces=tuple((str(r["name"]), str(r["kind"]), r["geometry"]) for r in lines),
-        release=_read_release(folder / RESULT_FILE),
-        zones=zones,
-        level_codes=codes,
-        objects=objects,
-        risk=risk,
-        values=values,
-    )
+        release=_read_release(folder / RESULT_FILE), zones=zones, level_codes=codes,
+        objects=objects, risk=risk, values=values,
+    )  # fmt: skip
 
 
 def _read_grid(reach: Path, terrain: Path, manifest: Mapping[str, Any]) -> Grid:
@@ -175,10 +169,7 @@ def level_classes(folder: Path) -> tuple[RasterClass, ...]:
 
 
 def _classes(dataset: Any) -> tuple[RasterClass, ...]:
-    """Return classes of a map by its tags, in the colours of its palette.
-
-    There are none of a map of numbers.
-    """
+    """Return classes of a map by its tags, in the colours of its palette; none of numbers."""
     palette = dataset.colormap(1) if dataset.dtypes[0] == "uint8" else {}
     classes = []
     named = dataset.tags(1).get("CLASSES", "")
@@ -244,10 +235,7 @@ _Values = dict[str, dict[str, tuple[float, ...]]]
 
 
 def _read_objects(folder: Path) -> tuple[PlacedObjects, dict[str, dict[str, float]], _Values]:
-    """Return exposed objects.
-
-    Returned by the name of the whole are the sums of their risk, and the largest values.
-    """
+    """Return exposed objects, and by the name of the whole sums of risk and largest values."""
     objects: list[ExposedObject] = []
     shapes: list[Any] = []
     risk: dict[str, dict[str, float]] = {}

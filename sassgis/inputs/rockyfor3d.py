@@ -50,10 +50,7 @@ _MOST_SCENARIOS, _MOST_AREAS = 12, 50
 
 @cache
 def soil_types() -> Mapping[int, Any]:
-    """Return rows of sassgis/data/rockyfor3d_soils.csv by the number of the soil type.
-
-    Each has a name, the ground class that takes its place, and where that is from.
-    """
+    """Return name, ground class and source of each soil type (data/rockyfor3d_soils.csv)."""
     with (resources.files("sassgis") / "data" / "rockyfor3d_soils.csv").open("rb") as file:
         table = pd.read_csv(file, index_col="soil_type")
     return dict(zip(table.index.tolist(), table.itertuples(), strict=True))
@@ -114,8 +111,8 @@ def read_rockyfor3d(path: Path, config_folder: Path, crs: str | None) -> Convert
 
     It has ``dem``, ``soiltype``, ``d1``, ``d2``, ``d3`` and a density of the rock as rasters;
     ``blshape``, ``rg70``, ``rg20``, ``rg10``, nets and forest where there are any. Paths are
-    written as seen from the folder of the configuration; ``crs`` is the coordinate system of the
-    layers that are made.
+    written as seen from the folder of the configuration; ``crs`` is that of the layers that are
+    made.
     """
     folder = _opened(path)
     keys: StartKeys = [("terrain", {"dem": seen_from_folder(config_folder, folder.files["dem"])})]
@@ -154,10 +151,6 @@ def _opened(path: Path) -> _Folder:
         raise _wrong(_WRONG, file=path, found=found, expected=expected)
     with open_raster(files["dem"], _OPTION) as raster:
         return _Folder(path, files, raster.transform, raster.shape)
-
-
-# ---------------------------------------------------------------------------------------------
-# Source cells and blocks
 
 
 def _release(folder: _Folder, crs: str | None, out: Converted) -> None:
@@ -234,10 +227,7 @@ def _span(values: FloatArray) -> float | tuple[float, float]:
 def _areas(
     label: NDArray[np.int32], names: Sequence[str], folder: _Folder, crs: str | None
 ) -> gpd.GeoDataFrame:
-    """Return centres of the source cells of each scenario.
-
-    Those of connected cells are apart if they are few.
-    """
+    """Return centres of the source cells of each scenario; connected ones apart if they are few."""
     several = [ndimage.label(label == k, np.ones((3, 3))) for k in range(1, len(names) + 1)]
     if sum(count for _, count in several) > _MOST_AREAS:
         several = [((label == k).astype(np.int32), 1) for k in range(1, len(names) + 1)]
@@ -252,10 +242,6 @@ def _areas(
     frame = gpd.GeoDataFrame(rows, geometry="geometry", crs=crs)
     frame.insert(0, "name", [f"source {k}" for k in range(1, len(rows) + 1)])
     return frame
-
-
-# ---------------------------------------------------------------------------------------------
-# Ground
 
 
 def _ground(
@@ -299,10 +285,6 @@ def _ground(
         "file": seen_from_folder(config_folder, folder.files["soiltype"]),
         "raster_classes": {str(int(n)): known[int(n)].ground_class for n in present},
     }
-
-
-# ---------------------------------------------------------------------------------------------
-# Nets
 
 
 def _nets(folder: _Folder, crs: str | None, out: Converted) -> None:
@@ -362,10 +344,6 @@ def _centre_line(folder: _Folder, rows: IntArray, cols: IntArray) -> Any:
         path.append(int(before[start, path[-1]]))
     points = folder.centres(rows[path], cols[path])
     return shapely.LineString(points).simplify(0.75 * abs(folder.transform.a))
-
-
-# ---------------------------------------------------------------------------------------------
-# Forest
 
 
 def _forest(folder: _Folder, config_folder: Path, out: Converted) -> None:

@@ -71,13 +71,10 @@ def _stated(own: Declared, *, needed: bool = False, high: float | None = None) -
     top = limits.le if high is None else high
     name = own.name.rsplit("_", 1)[0] if own.name in _UNITS else own.name
     return FieldInfo(
-        name.replace("_", " "),
-        _UNITS.get(own.name, ""),
-        own.description,
-        low=None if low is None else float(str(low)),
-        high=None if top is None else float(str(top)),
+        name.replace("_", " "), _UNITS.get(own.name, ""), own.description,
+        low=None if low is None else float(str(low)), high=None if top is None else float(str(top)),
         needed=needed,
-    )
+    )  # fmt: skip
 
 
 def _objects(kind: str) -> SiteLayer:
@@ -87,13 +84,9 @@ def _objects(kind: str) -> SiteLayer:
         n: _stated(keys[n], high=1.0 if n == "presence" else None) for n in NUMBERS_OF_KIND[kind]
     }
     return SiteLayer(
-        name,
-        "objects",
-        {"name": _NAME, **numbers},
-        VectorStyle(symbol, label_column="name"),
-        {"name": name, "kind": kind},
-        _named_by("name", *numbers),
-    )
+        name, "objects", {"name": _NAME, **numbers}, VectorStyle(symbol, label_column="name"),
+        {"name": name, "kind": kind}, _named_by("name", *numbers),
+    )  # fmt: skip
 
 
 def _named_by(*columns: str) -> dict[str, str]:

@@ -30,7 +30,7 @@ from sassgis.settings.crs import crs_name, same_crs
 from sassgis.settings.labels import some_of
 from sassgis.settings.schema import AnyInput, InMemory, Input, named
 
-#: Rasters by their suffix; other files of a folder of tiles are left alone.
+#: Rasters by their suffix; other files of a folder of tiles do not count.
 TILE_SUFFIXES = (".tif", ".tiff", ".asc", ".img", ".bil", ".flt")
 #: Cells of tiles may be off the common lattice by this share of a cell.
 _OFF_LATTICE = 0.01
@@ -169,10 +169,7 @@ class Terrain:
         return inside is None or (self.held is not None and self.held[0].common(inside) == inside)
 
     def read(self, part: Part) -> Grid:
-        """Return heights of a part of the lattice, NaN where no tile holds one.
-
-        Raises InputLost if a file is lost.
-        """
+        """Return heights of a part, NaN where no tile holds one; InputLost if a file is lost."""
         values = np.full((part.n_rows, part.n_cols), np.nan)
         if self.held is not None:
             place, heights = self.held
@@ -251,7 +248,7 @@ def open_terrain(
 
 
 def open_tiles(files: Sequence[Path], given: Path) -> Terrain:
-    """Open tiles as one terrain model; ``given`` names them in the log."""
+    """Open tiles as one terrain model; ``given`` names them in notices."""
     return _laid_out([describe_dem(f) for f in files], given)
 
 
@@ -261,10 +258,7 @@ def read_terrain(
     vertical_datum: str | None = None,
     override_crs: bool = False,
 ) -> Grid:
-    """Read a terrain model as a whole: a raster, or a folder of tiles.
-
-    Parameters and errors are those of open_terrain.
-    """
+    """Read a terrain model as a whole: a raster, or a folder of tiles, as open_terrain opens it."""
     given = named(path)
     if not given.is_dir():
         if gaps := gaps_of_mosaic(given):

@@ -20,13 +20,7 @@ from pyproj.exceptions import ProjError
 
 from sassgis.errors import InputError, notice
 from sassgis.files.digests import Stamp
-from sassgis.files.gdal_safety import (
-    VECTOR,
-    layers_of,
-    read_frame,
-    vector_file,
-    with_composed,
-)
+from sassgis.files.gdal_safety import VECTOR, layers_of, read_frame, vector_file, with_composed
 from sassgis.files.input_parts import stamps_of
 from sassgis.files.plain_file import check_file, check_text, in_memory, number
 from sassgis.grid import FloatArray, Grid
@@ -100,11 +94,9 @@ def refuse_twice(
 
 
 def text_of(value: object) -> str | None:
-    """Return a cell of a frame as text, 7.0 as 7.
+    """Return a cell of a frame as text in one Unicode form, 7.0 as 7; None where it is empty.
 
-    It is None where the cell is empty: NaN, pandas.NA also as text.
-
-    Names are compared by it: in one Unicode form.
+    Empty are NaN and pandas.NA, also as text.
     """
     # NA first: what it is compared with is neither true nor false.
     if value is None or str(value) == "<NA>" or bool(value != value):
@@ -112,10 +104,6 @@ def text_of(value: object) -> str | None:
     if isinstance(value, float) and value.is_integer():
         value = int(value)
     return composed(str(value).strip()) or None
-
-
-# ---------------------------------------------------------------------------------------------
-# Layers
 
 
 def read_features(
@@ -149,10 +137,7 @@ def with_shapes(
     key: str,
     kinds: Sequence[str] = ("polygon", "line", "point"),
 ) -> list[Feature]:
-    """Return features of a layer with their geometries.
-
-    The arguments are those of read_features.
-    """
+    """Return features of a layer with their geometries; arguments as of read_features."""
     shapes = [shapely.force_2d(frame.geometry.array[f.number - 1]) for f in plain]
     found = [_checked_kind(f, g, key, kinds) for f, g in zip(plain, shapes, strict=True)]
     moved = onto_grid(shapes, frame.crs, grid, file, key, [f.label for f in plain])
@@ -386,10 +371,6 @@ def without_repeats(points: FloatArray) -> FloatArray:
     return np.ascontiguousarray(points[~again])
 
 
-# ---------------------------------------------------------------------------------------------
-# Geometry against the grid
-
-
 def share_inside(feature: Feature, grid: Grid) -> float:
     """Return the share (0 to 1) of a feature's area, length or number of points within the DEM."""
     box = shapely.box(*grid.bounds)
@@ -426,11 +407,10 @@ def _share(part: Any, whole: Any) -> float:
 def cells_under(
     geometry: Any, grid: Grid, centres_only: bool = False
 ) -> tuple[slice, slice, NDArray[np.bool_]]:
-    """Return cells that a shapely geometry, which meets the DEM, covers.
+    """Return the part of the grid that holds a geometry, and which of its cells that covers.
 
-    Rows and columns are the part of the grid that holds the geometry. The mask has the shape of
-    that part: cells whose centre lies in a polygon; for points, lines and polygons too small to
-    hold a centre, the cells that they touch, unless ``centres_only``.
+    Rows, columns, and a mask of their shape: cells whose centre lies in a polygon; for points,
+    lines and polygons too small to hold a centre, those that they touch, unless ``centres_only``.
     """
     rows, cols = _part_under(geometry, grid)
     part = grid.part(rows, cols)
@@ -443,10 +423,8 @@ def cells_under(
 def polygon_of_cells(polygons: Sequence[Feature], grid: Grid) -> NDArray[np.int32]:
     """Find the polygon that covers the centre of each cell: its position, -1 for none.
 
-    The array has the shape of the grid.
-
-    Where several do, the last one counts. Polygons that count nowhere, or on less than half of
-    their area because they are too narrow for the cells, are named in a warning.
+    Where several do, the last one counts. A notice names polygons that count nowhere, or on less
+    than half of their area because they are too narrow for the cells.
     """
     shapes = np.array([own.geometry for own in polygons], dtype=object)
     found: NDArray[np.int32] = burnt(

@@ -41,9 +41,6 @@ from sassgis.settings.settings import BarrierSettings, ReleaseSettings, StationS
 START_SLOPE_DEG = math.degrees(math.atan(0.37))
 
 
-# ---------------------------------------------------------------------------------------------
-# Release areas
-
 _NO_START = (
     "no block starts there: an onset frequency per hectare or metre counts for the rest, one per "
     "year is put on the rest as a whole"
@@ -59,10 +56,7 @@ def release_features(release: ReleaseSettings) -> list[Feature]:
 
 
 def release_names(release: ReleaseSettings) -> tuple[str, ...]:
-    """Return names of all release areas in the order of the file.
-
-    Their shapes are not looked at.
-    """
+    """Return names of all release areas in the order of the file; shapes are not looked at."""
     return tuple(feature_names(release_features(release), "area", "release"))
 
 
@@ -83,9 +77,9 @@ def read_release(
 ) -> list[ReleaseArea]:
     """Read the release areas, in the order of the file, and check them against the DEM.
 
-    ``only`` are the names of the areas to read: the shapes of the others are not looked at. What
-    can be used but deserves a look (an area partly outside the DEM, over nodata, too flat for a
-    start, or over another area) is logged as a warning.
+    ``only`` are the names of the areas to read: the shapes of the others are not looked at. Notices
+    name areas that can be used but deserve a look (partly outside the DEM, over nodata, too flat
+    for a start, or over another area).
     """
     file, frame = _release_layer(release, *_ATTRIBUTES)
     features = without_shapes(frame, file, release.name_field)
@@ -136,14 +130,10 @@ def named_features(
     """
     assert item.file is not None
     features = read_features(
-        item.file,
-        grid,
-        key,
-        layer=item.layer,
+        item.file, grid, key, layer=item.layer,
         fields={f"{k}_field": v for k, v in [("name", item.name_field), *columns.items()]},
-        label=item.name_field,
-        kinds=kinds,
-    )
+        label=item.name_field, kinds=kinds,
+    )  # fmt: skip
     if item.name_field is None and len(features) == 1:
         return [(features[0], item.name)]
     return list(zip(features, feature_names(features, item.name, key), strict=True))
@@ -213,10 +203,6 @@ def warn_of_overlaps(areas: Sequence[ReleaseArea], file: Input) -> None:
         if common > 0.0 and set(areas[i].scenarios) & set(areas[j].scenarios):
             names = f"areas {areas[i].name} and {areas[j].name}"
             notice(f"{file}: {names} overlap by {common:.1f} m2; blocks start there from both")
-
-
-# ---------------------------------------------------------------------------------------------
-# Stations and barriers
 
 
 def read_control_lines(config: Config, grid: Grid) -> list[tuple[ControlLine, FloatArray]]:

@@ -17,12 +17,10 @@ def parse_crs(text: str, *, file: object = None, field: str = "") -> pyproj.CRS:
         return pyproj.CRS.from_user_input(text)
     except CRSError:
         raise InputError(
-            "is no coordinate system",
-            file=file,
-            field=field or None,
+            "is no coordinate system", file=file, field=field or None,
             found=repr(text if len(text) < 60 else text[:57] + "..."),
             expected="a code such as EPSG:2056",
-        ) from None
+        ) from None  # fmt: skip
 
 
 def crs_name(wkt: str) -> str:

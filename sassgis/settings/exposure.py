@@ -161,13 +161,18 @@ class Vulnerability:
     def __post_init__(self) -> None:
         seen: set[tuple[str, str]] = set()
         for row in self.rows:
+            key, known = (row.kind, row.intensity), ", ".join(self.intensities)
             if row.intensity not in self.intensities:
-                found, expected = repr(row.intensity), f"one of {', '.join(self.intensities)}"
-                raise self._refused("unknown intensity class", "intensity", found, expected)
-            if (row.kind, row.intensity) in seen:
-                found, expected = f"{row.kind}, {row.intensity}", "each kind and intensity once"
-                raise self._refused("row is there twice", "kind, intensity", found, expected)
-            seen.add((row.kind, row.intensity))
+                found = repr(row.intensity)
+                raise self._refused(
+                    "unknown intensity class", "intensity", found, f"one of {known}"
+                )
+            if key in seen:
+                expected = "each kind and intensity once"
+                raise self._refused(
+                    "row is there twice", "kind, intensity", ", ".join(key), expected
+                )
+            seen.add(key)
         for kind in self.kinds:
             missing = [i for i in self.intensities if (kind, i) not in seen]
             if missing:

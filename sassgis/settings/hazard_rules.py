@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, fields
-from itertools import pairwise
+from itertools import chain, pairwise
 from typing import Annotated, Any, Literal
 
 import numpy as np
@@ -38,7 +38,7 @@ class Source:
     scenario: str
     frequency: float  # onset frequency: blocks released per year, in the whole area
     rocks: int  # simulated blocks
-    rocks_per_line: int  # blocks of one stratum of the sample: one fall line, or one round of it
+    rocks_per_line: int  # blocks of one stratum of the sample: one repetition of a fall line
     random_points: bool = False  # whether the release points were themselves drawn at random
     block_width_m: float = 0.0  # mean width of the block: twice its mean semi-axis (m)
     # Of the simulated blocks, those whose slope is below the friction at their release point: the
@@ -139,13 +139,10 @@ class HazardCurves:
     def part(self, rows: Rows, columns: Rows = _ALL) -> HazardCurves:
         """Return the curves of some places, at some of their energies."""
         return HazardCurves(
-            self.places[rows],
-            self.energies_kj[columns],
-            self.rate[rows][:, columns],
-            self.variance[rows][:, columns],
-            self.rate_of_a_rock[rows],
+            self.places[rows], self.energies_kj[columns], self.rate[rows][:, columns],
+            self.variance[rows][:, columns], self.rate_of_a_rock[rows],
             None if self.drawn is None else self.drawn.part(rows, columns),
-        )
+        )  # fmt: skip
 
     def column(self, energy_kj: float) -> int:
         """Return the position of an energy among ``energies_kj``; ValueError if it is not there."""
@@ -227,62 +224,61 @@ class HazardPreset:
     sheet: SheetRules | None = None  # None: zones are their cells, as they are
 
     def __post_init__(self) -> None:
+        for problem, field, found, expected in chain(self._faults(), self._faults_of_matrix()):
+            raise InputError(
+                problem, file=self.file or self.name, field=field, found=found, expected=expected
+            )
+
+    def _faults(self) -> Iterator[tuple[str, str, object, str]]:
+        """Yield what cannot be: problem, field, found, expected."""
         limits = [c.from_kj for c in self.intensities]
         if not limits or limits[0] != 0.0 or any(a >= b for a, b in pairwise(limits)):
             problem = "limits of the intensity classes do not rise from 0"
-            raise self._refused(problem, "intensity", limits, "[0, ...]")
+            yield problem, "intensity", limits, "[0, ...]"
         periods = self.return_periods
         if not periods or periods[0] <= 0.0 or any(a >= b for a, b in pairwise(periods)):
-            problem = "limits of the return periods do not rise"
-            expected = "years above 0, in ascending order"
-            raise self._refused(problem, "return_periods", list(periods), expected)
+            problem, expected = "limits of the return periods do not rise", "years above 0"
+            yield problem, "return_periods", list(periods), f"{expected}, in ascending order"
         if self.rarest_years is not None and self.rarest_years <= periods[-1]:
-            problem = "is within the classes of return period"
             expected = f"more than {periods[-1]:g}, the last limit of the return periods"
-            raise self._refused(problem, "rarest.years", f"{self.rarest_years:g}", expected)
+            problem = "is within the classes of return period"
+            yield problem, "rarest.years", f"{self.rarest_years:g}", expected
         for own in fields(self.sheet) if self.sheet is not None else ():
             value = getattr(self.sheet, own.name)
             if own.name != "provenance" and value < 0.0:
-                raise self._refused("is below 0", f"sheet.{own.name}", f"{value:g}", "0 or more")
-        for field, codes in (
-            ("intensity", [c.code for c in self.intensities]),
-            ("levels", [c.code for c in self.levels]),
-        ):
+                yield "is below 0", f"sheet.{own.name}", f"{value:g}", "0 or more"
+        for field, kinds in (("intensity", self.intensities), ("levels", self.levels)):
+            codes = [kind.code for kind in kinds]
             if len(set(codes)) != len(codes):
-                raise self._refused("a code is used twice", field, codes, "codes that differ")
-        self._check_matrix()
+                yield "a code is used twice", field, codes, "codes that differ"
 
-    def _check_matrix(self) -> None:
+    def _faults_of_matrix(self) -> Iterator[tuple[str, str, object, str]]:
         n = len(self.return_periods) + 1
         if len(self.matrix) != len(self.intensities):
             problem = "the matrix does not have a row for each intensity class"
-            found, expected = f"{len(self.matrix)} rows", f"{len(self.intensities)}"
-            raise self._refused(problem, "matrix", found, expected)
+            yield problem, "matrix", f"{len(self.matrix)} rows", f"{len(self.intensities)}"
         for row, intensity in zip(self.matrix, self.intensities, strict=True):
             field = f"matrix.{intensity.code}"
             if len(row) != n:
                 found, expected = f"{len(row)} levels", f"{n}, one per return period"
-                raise self._refused("the matrix has a hole", field, found, expected)
+                yield "the matrix has a hole", field, found, expected
             if any(not 0 <= k < len(self.levels) for k in row):
-                raise self._refused("the matrix names no level", field, list(row), "known levels")
-            codes = [self.levels[k].code for k in row]
+                yield "the matrix names no level", field, list(row), "known levels"
             if any(later > earlier for earlier, later in pairwise(row)):
                 problem = "the matrix contradicts itself: a rarer event has a higher level"
-                expected = "levels that do not rise with the return period"
-                raise self._refused(problem, field, codes, expected)
-        for (weak, low), (strong, high) in pairwise(
-            zip(self.intensities, self.matrix, strict=True)
-        ):
+                codes = [self.levels[k].code for k in row]
+                yield problem, field, codes, "levels that do not rise with the return period"
+        rows = zip(self.intensities, self.matrix, strict=True)
+        for (weak, low), (strong, high) in pairwise(rows):
             if any(a > b for a, b in zip(low, high, strict=True)):
                 problem = "the matrix contradicts itself: a stronger event has a lower level"
                 codes = [self.levels[k].code for k in high]
-                expected = f"nowhere below the row of {weak.code}"
-                raise self._refused(problem, f"matrix.{strong.code}", codes, expected)
-
-    def _refused(self, problem: str, field: str, found: object, expected: str) -> InputError:
-        return InputError(
-            problem, file=self.file or self.name, field=field, found=found, expected=expected
-        )
+                yield (
+                    problem,
+                    f"matrix.{strong.code}",
+                    codes,
+                    f"nowhere below the row of {weak.code}",
+                )
 
     @property
     def thresholds_kj(self) -> tuple[float, ...]:

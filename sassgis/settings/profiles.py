@@ -117,8 +117,6 @@ class ControlLineCrossings:
         order = np.argsort(np.asarray(chainages, float), kind="stable")
         sorted_chainage = np.asarray(chainages, float)[order]
         return cls(
-            tuple(control_lines),
-            np.arange(n_lines + 1, dtype=np.int64) * len(control_lines),
-            np.tile(sorted_chainage, n_lines),
-            np.tile(order.astype(np.int64), n_lines),
-        )
+            tuple(control_lines), np.arange(n_lines + 1, dtype=np.int64) * len(control_lines),
+            np.tile(sorted_chainage, n_lines), np.tile(order.astype(np.int64), n_lines),
+        )  # fmt: skip

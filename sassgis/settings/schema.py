@@ -13,7 +13,7 @@ import os
 import re
 import types
 import unicodedata
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from functools import cache
 from numbers import Real
@@ -93,9 +93,6 @@ def named(given: AnyInput) -> Input:
 #: What holds for all settings: a text is no number, and a number is finite.
 RULES = ConfigDict(strict=True, allow_inf_nan=False, extra="forbid")
 
-# ---------------------------------------------------------------------------------------------
-# Notes in annotations
-
 
 @dataclass(frozen=True, slots=True)
 class Renamed:
@@ -110,10 +107,6 @@ class Example:
 
     value: object
     needed: bool = False
-
-
-# ---------------------------------------------------------------------------------------------
-# Kinds of values
 
 
 def refused(
@@ -234,8 +227,6 @@ Codes = Annotated[dict[int, Name], BeforeValidator(_codes)]
 #: The configuration in which a section stands, for messages; it is no key.
 ConfigFile = Annotated[Path | None, Field(validate_default=True), PlainValidator(_from_context)]
 
-# ---------------------------------------------------------------------------------------------
-# Sections
 
 if TYPE_CHECKING:
     from dataclasses import dataclass as checked
@@ -324,9 +315,8 @@ class Declared(NamedTuple):
         return self.default is dataclasses.MISSING
 
 
-@cache
-def declared(cls: Any) -> Mapping[str, Declared]:
-    """Return settings of a section by key, in order; fields without a description are none."""
+def _declared(cls: Any) -> Mapping[str, Declared]:
+    """Find what is declared."""
     hints = get_type_hints(cls, include_extras=True)
     found: dict[str, Declared] = {}
     for field in dataclasses.fields(cls):
@@ -341,6 +331,10 @@ def declared(cls: Any) -> Mapping[str, Declared]:
             example = next((n for n in notes if isinstance(n, Example)), None)
             found[field.name] = Declared(field.name, hint, field.default, text, old, example)
     return types.MappingProxyType(found)
+
+
+#: Settings of a section by key, in order; fields without a description are none.
+declared: Callable[[Any], Mapping[str, Declared]] = cache(_declared)
 
 
 def interval(kind: Any) -> Interval | None:
@@ -369,9 +363,6 @@ def is_file(kind: Any) -> bool:
     """Return whether a setting names a file."""
     return kind is Path or any(is_file(k) for k in get_args(kind) if not isinstance(k, str))
 
-
-# ---------------------------------------------------------------------------------------------
-# What is wrong
 
 #: What would have been accepted, by the kind of pydantic's error.
 _EXPECTED = {

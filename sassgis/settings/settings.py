@@ -275,10 +275,7 @@ class BlockSettings(Section):
     ] = None
     density_kgm3: Annotated[
         Span[Annotated[float, Interval(ge=500, le=10_000)]], "density of the block (kg/m3)"
-    ] = (
-        2700.0,
-        2700.0,
-    )
+    ] = (2700.0, 2700.0)
     speed_mps: Annotated[
         Span[Annotated[float, Interval(ge=0, le=150)]],
         "speed at the start, downhill along the slope (m/s)",
@@ -513,9 +510,7 @@ class EngineSettings(Section):
         float, Interval(ge=1e-12, le=1e-2), "gap below which ground and block touch (m)"
     ] = 1e-6
     max_events: Annotated[
-        int,
-        Interval(ge=100, le=10_000_000),
-        "contacts after which a block is aborted and reported",
+        int, Interval(ge=100, le=10_000_000), "contacts after which a block is aborted and reported"
     ] = 20_000
     side_tilt_deg: Annotated[
         float,
@@ -660,8 +655,6 @@ class OutputSettings(Section):
         limits = self.energy_classes_kj
         if any(low >= high for low, high in itertools.pairwise(limits)):
             raise ConfigError(
-                "limits do not rise",
-                field="energy_classes_kj",
-                found=list(limits),
+                "limits do not rise", field="energy_classes_kj", found=list(limits),
                 expected="numbers in ascending order",
-            )
+            )  # fmt: skip

@@ -106,9 +106,6 @@ class VectorStyle:
             raise ValueError("all symbols of a style are of one kind")
 
 
-# --- classes and colours ---------------------------------------------------------------------
-
-
 def class_limits(breaks: Sequence[float]) -> list[tuple[float, float]]:
     """Return the lower and upper limits of the classes that ascending ``breaks`` make.
 
@@ -172,9 +169,6 @@ def zero_is_nothing(unit: str) -> bool:
     return unit != "m"
 
 
-# --- ready styles ----------------------------------------------------------------------------
-
-
 def categorised_style(
     symbol: Symbol,
     column: str,
@@ -183,15 +177,13 @@ def categorised_style(
 ) -> VectorStyle:
     """Return one colour per value: the symbol in that of its entry (label, ``#rrggbb``)."""
     return VectorStyle(
-        symbol=symbol,
-        method="categories",
-        column=column,
+        symbol=symbol, method="categories", column=column,
         classes=tuple(
             StyleClass(label, replace(symbol, colour=colour), value=value)
             for value, (label, colour) in entries.items()
         ),
         smallest_scale=smallest_scale,
-    )
+    )  # fmt: skip
 
 
 RELEASE_AREA_STYLE = VectorStyle(
@@ -225,15 +217,13 @@ STATION_STYLE = VectorStyle(
 )
 _WALL = Symbol("line", "#00441b", size_mm=1.2)
 BARRIER_STYLE = VectorStyle(
-    _WALL,
-    "categories",
-    "kind",
+    _WALL, "categories", "kind",
     (
         StyleClass("wall", _WALL, value="wall"),
         StyleClass("net", replace(_WALL, dash="dot"), value="net"),
     ),
     label_column="name",
-)
+)  # fmt: skip
 FOOTPRINT_STYLE = VectorStyle(
     Symbol("fill", "#e31a1c", opacity=0.4, outline="#b10026", outline_mm=0.1)
 )

@@ -5,7 +5,6 @@ from __future__ import annotations
 import shutil
 import zipfile
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -30,42 +29,25 @@ def never(text: str) -> None:
 
 
 @pytest.mark.parametrize("compressed", [False, True])
-def test_no_clock_is_in_a_file(
-    tmp_path: Path, compressed: bool, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_what_is_written_is_read_and_no_clock_is_in_it(tmp_path, compressed, monkeypatch):
     """Not even one before the first year that ZIP knows, as of a computer without a battery."""
-    file = tmp_path / "state.npz"
-    written = []
+    file, written = tmp_path / "state.npz", []
     for seconds in (0.0, 1.7e9):
         monkeypatch.setattr(zipfile.time, "time", lambda now=seconds: now)
-        write_saved(file, ARRAYS, "own", compressed=compressed)
+        digest = write_saved(file, ARRAYS, "own", compressed=compressed)
         written.append(file.read_bytes())
     assert written[0] == written[1]
-
-
-@pytest.mark.parametrize("compressed", [False, True])
-def test_what_is_written_is_read(tmp_path: Path, compressed: bool) -> None:
-    file = tmp_path / "state.npz"
-    digest = write_saved(file, ARRAYS, "own", compressed=compressed)
     found = read_saved(file, "own", never)
     assert saved_digest(file) == digest
     assert found is not None and found.keys() == ARRAYS.keys()
     for name, own in ARRAYS.items():
         assert np.array_equal(found[name], own) and found[name].dtype == own.dtype
-    with np.load(file) as plain:
-        assert np.array_equal(plain["blocks"], ARRAYS["blocks"])
     assert [f.name for f in tmp_path.iterdir()] == ["state.npz"]
     assert read_saved(tmp_path / "nothing.npz", "own", never) is None
 
 
-def scaled(arrays: dict[str, Any]) -> None:
-    arrays["sums"] *= 0.01
-
-
 CHANGES: dict[str, Change] = {
-    "scaled": scaled,
     "one bit": lambda a: a["rows"]["block"].__setitem__(0, 0),
-    "short": lambda a: a.update(sums=a["sums"][:2]),
     "shape": lambda a: a.update(sums=a["sums"].reshape(4, 3)),
     "type": lambda a: a.update(sums=a["sums"].view("<i8")),
     "missing": lambda a: a.pop("names"),
@@ -114,9 +96,7 @@ def test_another_file_is_not_taken_for_this_one(tmp_path: Path) -> None:
     assert [line.split()[2] for line in said] == [str(tmp_path / "rows_2.npz")]
 
 
-def test_other_settings_and_versions_are_said(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_other_settings_and_versions_are_said(tmp_path, monkeypatch):
     file = tmp_path / "state.npz"
     write_saved(file, ARRAYS, "own")
     said: list[str] = []
@@ -145,9 +125,7 @@ def test_objects_are_not_unpickled(tmp_path: Path) -> None:
 
 
 @given(place=st.floats(0.0, 1.0), bit=st.integers(0, 7), cut=st.booleans())
-def test_damage_is_noticed(
-    tmp_path_factory: pytest.TempPathFactory, place: float, bit: int, cut: bool
-) -> None:
+def test_damage_is_noticed(tmp_path_factory, place, bit, cut):
     file = tmp_path_factory.mktemp("damaged") / "state.npz"
     write_saved(file, ARRAYS, "own")
     content = bytearray(file.read_bytes())

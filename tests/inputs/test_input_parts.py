@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import hashlib
 import os
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -21,13 +20,12 @@ from sassgis.errors import InputError
 from sassgis.files.input_parts import file_digest, files_of
 from sassgis.grid import Grid
 from sassgis.inputs.dem import read_dem
-from sassgis.inputs.tiles import open_terrain
 from sassgis.inputs.vector_features import read_features
 from sassgis.outputs.manifest import write_manifest
 
 HEIGHTS = 1000.0 - np.arange(60.0).reshape(6, 10)
 PLACE = Affine(10.0, 0.0, WEST, 0.0, -10.0, NORTH)
-#: A raster by its suffix, and files that GDAL reads with it.
+#: A raster or layer by its suffix, and files that GDAL reads with it.
 BESIDE = {
     ".tif": (".tif.aux.xml", ".tif.msk", ".tif.MSK", ".tif.ovr", ".tif.msk.ovr", ".tif.ovr.msk",
              ".tif.aux", ".aux", ".tfw", ".TFW", ".tifw", ".wld", ".tab", ".tif.msk.aux.xml"),
@@ -35,11 +33,9 @@ BESIDE = {
     ".bil": (".hdr", ".prj", ".blw"),
     ".asc": (".prj", ".asc.aux.xml"),
     ".img": (".ige", ".rrd", ".img.aux.xml"),
-}  # fmt: skip
-VECTORS = {
     ".shp": (".dbf", ".DBF", ".shx", ".prj", ".cpg"),
     ".gpkg": (".gpkg-wal", ".gpkg-journal"),
-}
+}  # fmt: skip
 
 
 def written(file: Path, values: Any = HEIGHTS, driver: str = "GTiff", **options: Any) -> Path:
@@ -69,10 +65,7 @@ def listed(file: Path, folder: Path) -> dict[str, str]:
     return {entry["path"]: entry["sha256"] for entry in entries}
 
 
-@pytest.mark.parametrize(
-    ("suffix", "beside"),
-    [(s, b) for s, all_ in (BESIDE | VECTORS).items() for b in all_],
-)
+@pytest.mark.parametrize(("suffix", "beside"), [(s, b) for s, all_ in BESIDE.items() for b in all_])
 def test_every_part_counts_and_is_named(tmp_path: Path, suffix: str, beside: str) -> None:
     main, part = tmp_path / f"dem{suffix}", tmp_path / f"dem{beside}"
     main.write_bytes(b"main")
@@ -91,10 +84,7 @@ def test_every_part_counts_and_is_named(tmp_path: Path, suffix: str, beside: str
     assert len(seen) == 2 and alone not in seen
 
 
-@pytest.mark.parametrize(
-    "beside",
-    ["areas.gpkg-shm", "areas.shp", "areas.dbf", "areas.qml", "areas.gpkg.txt", "areas2.gpkg-wal"],
-)
+@pytest.mark.parametrize("beside", ["areas.gpkg-shm", "areas.dbf", "areas2.gpkg-wal"])
 def test_what_is_no_part_does_not_count(tmp_path: Path, beside: str) -> None:
     main = tmp_path / "areas.gpkg"
     main.write_bytes(b"main")
@@ -135,9 +125,7 @@ def test_tables_of_a_folder_are_known_by_their_names(tmp_path: Path) -> None:
     assert file_digest(tmp_path) != before
 
 
-def test_an_edit_in_an_open_gis_is_another_input(
-    tmp_path: Path, make_layer: Callable[..., Path]
-) -> None:
+def test_an_edit_in_an_open_gis_is_another_input(tmp_path, make_layer):
     """Also in a process that has read the layer before, as a notebook does."""
     file = make_layer([at(10, 10, 40, 30)])
     grid = Grid(np.zeros((20, 20)), WEST, NORTH, 10.0, pyproj.CRS.from_user_input(LV95).to_wkt())
@@ -156,13 +144,6 @@ def test_an_edit_in_an_open_gis_is_another_input(
             assert file.read_bytes() == own
         assert area() == m2
     assert listed(file, tmp_path / "a") != entries
-
-
-def test_a_mask_that_comes_later_is_seen(tmp_path: Path) -> None:
-    terrain = open_terrain(written(tmp_path / "dem.tif"))
-    assert np.isfinite(terrain.read(terrain.whole).values).all()
-    written(tmp_path / "dem.tif.msk", np.eye(6, 10) * 255)
-    assert np.isfinite(terrain.read(terrain.whole).values).sum() == 6
 
 
 def test_a_raster_that_names_its_heights_elsewhere_is_refused(tmp_path: Path) -> None:

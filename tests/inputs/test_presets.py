@@ -25,14 +25,6 @@ FEDERAL = {
 }
 
 
-def matrix_of(name: str) -> dict[str, tuple[str, ...]]:
-    preset = read_preset(name)
-    return {
-        c.code: tuple(preset.levels[k].code for k in row)
-        for c, row in zip(preset.intensities, preset.matrix, strict=True)
-    }
-
-
 @pytest.mark.parametrize("name", preset_names())
 def test_what_the_built_in_presets_share(name: str) -> None:
     preset = read_preset(name)
@@ -51,18 +43,13 @@ def test_what_the_built_in_presets_share(name: str) -> None:
         *(p for row in preset.matrix_provenance for p in row),
     ]
     assert all(p.source for p in provenances)
-
-
-def test_matrices_of_the_built_in_presets() -> None:
-    assert {"ch-so", "ti"} <= set(preset_names())
-    assert matrix_of("ch-so") == FEDERAL
-    assert matrix_of("ti") == FEDERAL
-    assert read_preset("ch-so").matrix == swiss().matrix
-
-
-def test_names_in_ticino() -> None:
-    labels = [c.label for c in read_preset("ti").levels]
-    assert labels == ["residuo", "basso", "medio", "elevato"]
+    matrix = {
+        c.code: tuple(preset.levels[k].code for k in row)
+        for c, row in zip(preset.intensities, preset.matrix, strict=True)
+    }
+    assert matrix == FEDERAL
+    labels = [c.label for c in preset.levels]
+    assert (labels == ["residuo", "basso", "medio", "elevato"]) == (name == "ti")
 
 
 def test_unverified_values_are_told_once_per_source() -> None:
@@ -86,19 +73,11 @@ def test_unverified_values_are_told_once_per_source() -> None:
     ]
 
 
-def test_the_matrix_names_where_it_was_read() -> None:
-    rows = read_preset("ch-so").matrix_provenance
-    assert all("IWCodeSteinBlockschlag" in p.source for row in rows for p in row)
-
-
 def test_labels() -> None:
     assert period_labels((30.0, 100.0)) == ("up to 30", "30 to 100", "beyond 100")
     assert period_labels((50.0,)) == ("up to 50", "beyond 50")
     assert energy_labels(swiss()) == ("below 30 kJ", "30 to 300 kJ", "300 kJ and more")
 
-
-# ---------------------------------------------------------------------------------------------
-# The user's own
 
 OWN = """
 title = "Own rules"
@@ -185,9 +164,11 @@ envelope_widths = 5
 smoothing_widths = 2
 source = "directive"
 """
+RAREST = '[rarest]\nyears = 60\nsource = "habit"\n'
 
 
 def test_own_rules_of_the_sheet(tmp_path: Path) -> None:
+    assert read_preset(written(tmp_path, OWN + RAREST)).rarest_years == 60.0
     preset = read_preset(written(tmp_path, OWN + SHEET))
     drawing = ZoningSettings(scale=10_000.0).drawing(preset.sheet, 8.0, 3.0, 2.0)
     assert drawing == Drawing(10.0, 2500.0, 20.0, 40.0, 16.0, 3.0, 10_000.0)
@@ -196,21 +177,6 @@ def test_own_rules_of_the_sheet(tmp_path: Path) -> None:
     own = ZoningSettings(10_000.0, min_width_m=4.0, tolerance_m=1.0)
     expected = Drawing(4.0, 2500.0, 30.0, 40.0, 16.0, 1.0, 10_000.0)
     assert own.drawing(preset.sheet, 8.0, 30.0, 2.0) == expected
-
-
-@pytest.mark.parametrize(
-    ("old", "new", "message"),
-    [
-        ("width_mm = 1", "width_mm = -1", "sheet.width_mm: is below 0 (found -1; expected 0 or"),
-        ("gap_mm = 2\n", "", "sheet.gap_mm: missing key (expected the widest gap that is closed"),
-        ('source = "directive"\n', 'source = "x"\n', "sheet.source: names a source that is not"),
-    ],
-)
-def test_rules_of_the_sheet_that_cannot_be_used(
-    tmp_path: Path, old: str, new: str, message: str
-) -> None:
-    with one_line(InputError, message):
-        read_preset(written(tmp_path, OWN + SHEET.replace(old, new)))
 
 
 def test_example_of_the_documentation(repository: Path, tmp_path: Path) -> None:
@@ -227,39 +193,31 @@ def test_example_of_the_documentation(repository: Path, tmp_path: Path) -> None:
         ('title = "Own', 'titel = "Own', "titel: unknown key (expected one of title, sources"),
         ('title = "Own rules"', "", "title: missing key (expected a line that says whose"),
         ('title = "Own rules"', "title = 3", "title: cannot be used (found 3; expected a text"),
-        ("title =", "title = =", "is not valid TOML"),
         ("from_kj = 100\n", "", "intensity[strong].from_kj: missing key (expected the lower limit"),
         ("from_kj = 100", "from_kJ = 100",
          "intensity[strong].from_kJ: unknown key (expected one of code, label, from_kj, colour, "
          "source (nearest: from_kj)) (and 1 more)"),
         ("from_kj = 100", 'from_kj = "100"', "intensity[strong].from_kj: cannot be used (found"),
-        ("from_kj = 100", "from_kj = true", "found True; expected a number"),
         ("from_kj = 100", "from_kj = inf", "found inf; expected a finite number"),
         ("from_kj = 100", "from_kj = 0",
          "intensity: limits of the intensity classes do not rise from 0 (found [0.0, 0.0]"),
-        ("from_kj = 0", "from_kj = 5", "do not rise from 0 (found [5.0, 100.0]"),
         ('"#aaaaaa"', '"grey"', "intensity[weak].colour: cannot be used (found 'grey'; expected a"),
-        ('"#aaaaaa"', '"#aaa"', 'expected a colour such as "#d7262b")'),
         ('code = "H4"', 'code = ""', "levels[no. 2].code: cannot be used (found ''; expected a l"),
         ('[[levels]]\ncode = "H4"',
          '[[levels]]\ncode = "H2"\nlabel = "again"\ncolour = "#ffffff"\nsource = "habit"\n'
          '[[levels]]\ncode = "H4"', "levels: a code is used twice (found ['H2', 'H2', 'H4']"),
         ('label = "H4"', 'label = " "', "levels[H4].label: cannot be used"),
         ("hatched = true", 'hatched = "yes"', "levels[H4].hatched: cannot be used (found 'yes'; e"),
-        ("verified = true", "verified = 1", "sources.directive.verified: cannot be used (found 1"),
         ("verified = true", "", "sources.directive.verified: missing key (expected true if the"),
         ('colour = "#ff0000"', 'colour = "#ff0000"\nline = 1', "levels[H4].line: unknown key"),
         ("limits_years = [50]", "limits_years = [50, 20]", "return_periods: limits of the return"),
-        ("limits_years = [50]", "limits_years = []", "return_periods: limits of the return"),
         ("limits_years = [50]", "limits_years = 50", "found 50; expected a list in [ ]"),
-        ("limits_years = [50]", 'limits_years = ["50"]', "return_periods.limits_years: cannot be"),
-        ("limits_years = [50]", "limits_years = [50, 90]",
+        ("limits_years = [50]", "limits_years = [50, 55]",
          "matrix.weak: the matrix has a hole (found 2 levels; expected 3"),
         ('["H4", "H2"]', '["H4"]', "matrix.strong.source: does not have a source for each level"),
         ('["H4", "H2"]\nsource = ["directive", "habit"]', '["H4"]\nsource = "habit"',
          "matrix.strong: the matrix has a hole (found 1 levels; expected 2"),
         ('["H4", "H2"]', '["H5", "H2"]', "matrix.strong.levels: names no level (found 'H5'; exp"),
-        ('["H4", "H2"]', '["H4", 2]', "matrix.strong.levels: cannot be used (found 2; expected a"),
         ('["H4", "H2"]', '["H2", "H4"]', "a rarer event has a higher level"),
         ('["H2", "H2"]', '["H4", "H4"]', "a stronger event has a lower level"),
         ("[matrix.strong]", "[matrix.storng]",
@@ -271,48 +229,27 @@ def test_example_of_the_documentation(repository: Path, tmp_path: Path) -> None:
          "matrix.weak.source: names a source that is not defined (found 'habits'; expected one "
          "of directive, habit (nearest: habit))"),
         ('["directive", "habit"]', "7", "matrix.strong.source: cannot be used (found 7"),
-        ("[[levels]]", "[levels]", "is not valid TOML"),
         ("[return_periods]", "[[return_periods]]", "return_periods: cannot be used"),
+        ("[[levels]]", "[[x]]", "x: unknown key (expected one of title, sources"),
+        ("width_mm = 1", "width_mm = -1", "sheet.width_mm: is below 0 (found -1; expected 0 or"),
+        ("gap_mm = 2\n", "", "sheet.gap_mm: missing key (expected the widest gap that is closed"),
+        ("years = 60", "years = 40",
+         "rarest.years: is within the classes of return period (found 40; expected more than 50"),
     ],
 )  # fmt: skip
 def test_bad_presets_are_told_in_one_line(old: str, new: str, message: str, tmp_path: Path) -> None:
-    assert old in OWN
-    file = written(tmp_path, OWN.replace(old, new))
+    text = OWN + SHEET + RAREST
+    assert old in text
+    file = written(tmp_path, text.replace(old, new))
     with one_line(InputError, message, match=f"^{re.escape(str(file))}: (?!.*pydantic)"):
-        read_preset(file)
-
-
-def test_levels_as_one_section(tmp_path: Path) -> None:
-    text = OWN.replace("hatched = true\n", "").split("[[levels]]")
-    file = written(
-        tmp_path, text[0] + "[levels]" + text[1] + "[matrix" + text[2].split("[matrix", 1)[1]
-    )
-    with pytest.raises(InputError, match=r"expected sections \[\[levels\]\], with double brackets"):
         read_preset(file)
 
 
 def test_unknown_names(tmp_path: Path) -> None:
     known = "preset: is not a known hazard preset (found 'ch-s"
-    with one_line(InputError, known, "nearest: ch-so"):
+    with one_line(InputError, known, "expected one of ch-so, ti", "nearest: ch-so"):
         read_preset("ch-solo")
-    # One that was built in once, and had no source.
-    with pytest.raises(InputError, match=r"found 'ch-low-yellow'; expected one of ch-so, ti"):
-        read_preset("ch-low-yellow")
-    with pytest.raises(InputError, match=r"none\.toml: preset: file not found"):
-        read_preset(tmp_path / "none.toml")
     # A file whose name is not .toml is read all the same.
     file = tmp_path / "rules.txt"
     file.write_text(OWN)
     assert read_preset(file).name == "rules"
-    file.write_bytes(b"title = '\xff'")
-    with pytest.raises(InputError, match="is not UTF-8 text"):
-        read_preset(file)
-
-
-def test_a_floor_within_the_matrix_is_refused(tmp_path: Path) -> None:
-    text = OWN + '\n[rarest]\nyears = 40\nsource = "habit"\n'
-    words = "rarest.years: is within the classes of return period (found 40; expected more than 50"
-    with one_line(InputError, words):
-        read_preset(written(tmp_path, text))
-    own = read_preset(written(tmp_path, text.replace("years = 40", "years = 60")))
-    assert own.rarest_years == 60.0

@@ -39,8 +39,6 @@ def test_own_ranges_go_before(tmp_path: Path) -> None:
     ("row", "wrong"),
     [
         ("rok,mu_f,value,0,1", r"row 2: unknown ground class.*'rok'.*rock"),
-        ("rock,mu,value,0,1", r"row 2: unknown parameter.*'mu'"),
-        ("rock,mu_f,between,0,1", r"row 2: unknown kind.*'between'"),
         ("rock,mu_f,value,1,0", r"row 2: range of rock mu_f is reversed"),
         ("rock,mu_f,value,0,1,1.5", r"sites: row 2: is not a whole number.*'1\.5'"),
         ("rock,mu_f,value,0,1,-1", r"sites: row 2: is out of range.*0 or more"),

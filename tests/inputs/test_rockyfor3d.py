@@ -143,31 +143,16 @@ def test_many_kinds_of_blocks_are_put_together(tmp_path: Path) -> None:
 
 def test_what_was_written_is_whole_and_not_overwritten(tmp_path: Path) -> None:
     folder = made(tmp_path / "in", nets())
+    # What lies beside the terrain is not taken for it, nor a second raster of its name.
+    for suffix in ("prj", "aux.xml", "png", "txt", "xyz", "tif"):
+        (folder / f"dem.{suffix}").write_text("no terrain")
     files, _ = site_of(folder)
+    assert 'dem = "in/dem.asc"' in (tmp_path / "site.toml").read_text()
     assert {f.name for f in files} == {"site.toml", "release.gpkg", "nets.gpkg"}
     assert gpd.read_file(tmp_path / "release.gpkg").crs.to_epsg() == 2056
     with pytest.raises(OutputError, match="exists already"):
         site_of(folder)
     assert site_of(folder, overwrite=True)[0] == files
-
-
-def test_what_lies_beside_the_terrain_is_not_taken_for_it(tmp_path: Path) -> None:
-    folder = made(tmp_path / "in")
-    for suffix in ("prj", "aux.xml", "png", "xml", "txt", "lyr", "qml", "doc", "xyz", "aux"):
-        (folder / f"dem.{suffix}").write_text("no terrain")
-    # Of several rasters the one that its layers lie on.
-    (folder / "dem.tif").write_text("no terrain")
-    site_of(folder)
-    assert 'dem = "in/dem.asc"' in (tmp_path / "site.toml").read_text()
-
-
-def changed(folder: Path, name: str, values: np.ndarray | None, cell: float = CELL) -> Path:
-    file = made(folder) / f"{name}.asc"
-    if values is None:
-        file.unlink()
-    else:
-        write_grid(file, values, cell)
-    return folder
 
 
 @pytest.mark.parametrize(
@@ -178,18 +163,18 @@ def changed(folder: Path, name: str, values: np.ndarray | None, cell: float = CE
         ("rockdensity", NONE, "has no source cell"),
         ("d2", NONE, "source cells without a block"),
         ("soiltype", NONE + 9.0, "a soil type that is not known .*found 9"),
-        (
-            "soiltype",
-            NONE - 9999.0,
-            "soiltype.asc: .*holds no soil type .*found 3500 cells, all nodata",
-        ),
+        ("soiltype", NONE - 9999.0, "soiltype.asc: .*no soil type .*found 3500 cells, all nodata"),
         ("blshape", NONE + 5.0, "a form that is not known .*found 5; expected 1 .rectangular"),
         ("rg70", np.zeros((9, 9)), "does not lie on the cells of dem .*found 9 x 9"),
         ("net_number", NONE + 1.0, "nets without all of their rasters"),
     ],
 )
 def test_what_cannot_be_used_is_one_line(tmp_path: Path, name: str, values, words: str) -> None:
-    folder = changed(tmp_path / "in", name, values)
+    folder = made(tmp_path / "in")
+    if values is None:
+        (folder / f"{name}.asc").unlink()
+    else:
+        write_grid(folder / f"{name}.asc", values)
     with pytest.raises(InputError, match=words) as caught:
         site_of(folder)
     assert "\n" not in str(caught.value) and not (tmp_path / "site.toml").exists()

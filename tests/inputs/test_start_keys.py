@@ -14,7 +14,6 @@ from sassgis.inputs.config import load_config
 from sassgis.inputs.defaults import start_keys, with_values
 from sassgis.inputs.tiles import read_terrain
 from sassgis.inputs.vectors import read_control_lines
-from sassgis.outputs.config_template import short_template
 
 
 def boxes(folder: Path, layer: str, **columns: list[object]) -> Path:
@@ -43,29 +42,13 @@ def test_of_several_layers_one_must_be_known(tmp_path: Path) -> None:
     assert dict(start_keys(tmp_path, None, file))["release"]["layer"] == "release"
 
 
-def test_files_must_be_there(tmp_path: Path) -> None:
-    for files, word in (((Path("no.tif"), None), "--dem"), ((None, Path("no.gpkg")), "--release")):
-        with pytest.raises(InputError, match=f"{word}: file not found"):
-            start_keys(tmp_path, *files)
-
-
-def test_a_list_of_blocks_replaces_all(slope: Slope) -> None:
-    both = 'blocks=[{name="a", volume_m3=1.0}, {name="b", volume_m3=[2, 3], onset_frequency=0.1}]'
-    asked = with_values([("blocks", {"name": "x"}), ("run", {"seed": 2})], [both])
-    assert asked[0] == ("run", {"seed": 2})
-    text = slope.config.read_text().split("[[blocks]]")[0]
-    slope.config.write_text(
-        text
-        + short_template(asked)
-        .split("[[blocks]]", 1)[1]
-        .join(("[[blocks]]", ""))
-        .split("[hazard]")[0]
-    )
-    config = load_config(slope.config)
-    assert [(b.name, b.volume_m3) for b in config.blocks] == [("a", (1.0, 1.0)), ("b", (2.0, 3.0))]
-    assert config.onsets["b"].frequency == 0.1 and config.onsets["a"].frequency is None
-    with pytest.raises(InputError, match="is no key with a value"):
-        with_values([], ["blocks=[1, 2]"])
+def test_a_list_of_blocks_replaces_all() -> None:
+    both = 'blocks=[{name="a", volume_m3=1.0}, {name="b", volume_m3=[2, 3]}]'
+    assert with_values([("blocks", {"name": "x"}), ("run", {"seed": 2})], [both]) == [
+        ("run", {"seed": 2}),
+        ("blocks", {"name": "a", "volume_m3": 1.0}),
+        ("blocks", {"name": "b", "volume_m3": [2, 3]}),
+    ]
 
 
 def test_values_of_the_user_stand_beside_those_of_the_files(tmp_path: Path) -> None:
@@ -77,12 +60,10 @@ def test_values_of_the_user_stand_beside_those_of_the_files(tmp_path: Path) -> N
         ("ground", {"default": "rock"}),
     ]
     assert given[0][1]["spacing_m"] == 3.0
-    for wrong in ("release.spacing=5", "release.spacing_m", "spacing_m=5", "[x]=1"):
+    for wrong in ("release.spacing=5", "release.spacing_m", "spacing_m=5", "blocks=[1, 2]"):
         with pytest.raises(InputError, match="--set: is no key with a value"):
             with_values(given, (wrong,))
 
-
-# --- barriers by attributes ----------------------------------------------------------------------
 
 NETS = """
 [[barriers]]

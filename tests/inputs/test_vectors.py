@@ -9,6 +9,7 @@ from pathlib import Path
 import geopandas as gpd
 import numpy as np
 import pandas as pd
+import pyogrio
 import pytest
 from helpers.input_files import MAP_RUN, NORTH, WEST, at
 from helpers.one_line import one_line
@@ -41,51 +42,35 @@ def settings(path, **keys):
 AREA = at(52, 31, 97, 58)
 
 
-# --- what is read ---------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize("name", ["release.gpkg", "release.shp", "release.geojson"])
-def test_one_area_in_three_formats(make_layer, slope_grid, name):
-    to = "EPSG:4326" if name.endswith("geojson") else None
-    path = make_layer([AREA], name, to=to, title=["north"])
-    (area,) = read_release(settings(path, name_field="title"), slope_grid, BLOCKS)
-    assert area.name == "north"
-    assert area.scenarios == BLOCKS
+@pytest.mark.parametrize(
+    ("name", "to"),
+    [("a.gpkg", None), ("a.shp", None), ("a.geojson", "EPSG:4326"), ("a.gpkg", "EPSG:21781")],
+)
+def test_one_area_in_several_formats_and_systems(make_layer, slope_grid, caplog, name, to):
+    path = make_layer([AREA], name, to=to, number=[3.0])
+    with caplog.at_level(logging.INFO, "sassgis"):
+        (area,) = read_release(settings(path, name_field="number"), slope_grid, BLOCKS)
+    # Numbers serve as names.
+    assert area.name == "3" and area.scenarios == BLOCKS
     # GeoJSON keeps 7 decimals of a degree: about a centimetre.
     assert area.geometry.symmetric_difference(AREA).area < 1.5
-
-
-def test_other_projected_system_is_reprojected(make_layer, slope_grid, caplog):
-    path = make_layer([AREA], to="EPSG:21781")
-    with caplog.at_level(logging.INFO, "sassgis"):
-        (area,) = read_release(settings(path), slope_grid, BLOCKS)
-    assert area.geometry.symmetric_difference(AREA).area < 1.0
-    assert "reprojected" in caplog.text
-
-
-def test_without_names_areas_are_numbered(make_layer, slope_grid):
-    path = make_layer([AREA, at(152, 31, 197, 58)])
-    areas = read_release(settings(path), slope_grid, BLOCKS)
-    assert [a.name for a in areas] == ["area 1", "area 2"]
+    assert ("reprojected" in caplog.text) == (to is not None)
 
 
 def test_lines_points_and_collections_of_parts(make_layer, slope_grid):
+    x0, y0, x1, y1 = AREA.bounds
     shapes = [
         LineString([(WEST + 20, NORTH - 20), (WEST + 80, NORTH - 25)]),
         Point(WEST + 33, NORTH - 44),
         MultiPolygon([at(10, 60, 30, 80), at(40, 60, 60, 80)]),
         MultiPoint([(WEST + 100, NORTH - 50), (WEST + 120, NORTH - 50)]),
+        Polygon([(x0, y0, 5.0), (x1, y0, 5.0), (x1, y1, 7.0)]),
     ]
     areas = read_release(settings(make_layer(shapes, "r.geojson", to=None)), slope_grid, BLOCKS)
+    assert [a.name for a in areas] == [f"area {k}" for k in range(1, 6)]
     assert [a.geometry.geom_type for a in areas] == [s.geom_type for s in shapes]
     assert areas[2].geometry.area == pytest.approx(800.0, rel=1e-3)
-
-
-def test_heights_of_vertices_are_dropped(make_layer, slope_grid):
-    x0, y0, x1, y1 = AREA.bounds
-    path = make_layer([Polygon([(x0, y0, 5.0), (x1, y0, 5.0), (x1, y1, 7.0)])])
-    (area,) = read_release(settings(path), slope_grid, BLOCKS)
-    assert not area.geometry.has_z
+    assert not areas[4].geometry.has_z
 
 
 def test_scenarios_come_from_the_attribute(make_layer, slope_grid, caplog):
@@ -98,19 +83,6 @@ def test_scenarios_come_from_the_attribute(make_layer, slope_grid, caplog):
     assert "feature 3 names no scenario" in caplog.text
 
 
-def test_one_layer_of_several(make_layer, slope_grid):
-    path = make_layer([AREA], layer="north")
-    make_layer([at(10, 60, 30, 80)], layer="south")
-    (area,) = read_release(settings(path, layer="south"), slope_grid, BLOCKS)
-    assert area.geometry.equals(at(10, 60, 30, 80))
-
-
-def test_numbers_serve_as_names(make_layer, slope_grid):
-    path = make_layer([AREA, at(152, 31, 197, 58)], number=[3.0, 4.0])
-    areas = read_release(settings(path, name_field="number"), slope_grid, BLOCKS)
-    assert [a.name for a in areas] == ["3", "4"]
-
-
 def test_what_pandas_has_for_nothing_is_empty():
     row = {"a": pd.NA, "b": None, "c": math.nan, "d": 7.0, "e": pd.NaT}
     feature = Feature(2, row, None, "", Path("a.gpkg"), "a")
@@ -118,9 +90,6 @@ def test_what_pandas_has_for_nothing_is_empty():
     assert feature.label == "feature 2"
     with one_line(InputError, "a.gpkg: a: feature 2: is not a number", "<NA>"):
         feature.value("a")
-
-
-# --- coordinate systems ---------------------------------------------------------------------
 
 
 def test_without_a_system_that_of_the_dem_is_taken_if_it_fits(make_layer, slope_grid, caplog):
@@ -141,9 +110,6 @@ def test_local_dem_takes_local_vectors_only(make_layer, slope_grid):
         read_release(settings(make_layer([AREA])), local, BLOCKS)
 
 
-# --- errors ---------------------------------------------------------------------------------
-
-
 @pytest.fixture
 def refused(slope_grid):
     def check(path, *words, grid: Grid | None = None, **keys):
@@ -153,37 +119,27 @@ def refused(slope_grid):
     return check
 
 
-def test_no_file_configured(slope_grid):
-    with one_line(InputError, "release.file", "no release areas"):
-        read_release(ReleaseSettings(), slope_grid, BLOCKS)
-
-
-def test_missing_layer_lists_the_layers(refused, make_layer):
+def test_missing_layer_lists_the_layers(refused, make_layer, slope_grid):
     path = make_layer([AREA], layer="north")
-    make_layer([AREA], layer="south")
+    make_layer([at(10, 60, 30, 80)], layer="south")
+    (area,) = read_release(settings(path, layer="south"), slope_grid, BLOCKS)
+    assert area.geometry.equals(at(10, 60, 30, 80))
     refused(path, "release.layer", "'nort'", "north, south", "nearest: north", layer="nort")
     refused(path, "release.layer", "several layers", "north, south")
-
-
-def test_tables_without_geometry_are_no_layers(refused, tmp_path):
-    import pyogrio
-
-    path = tmp_path / "table.gpkg"
-    frame = gpd.GeoDataFrame({"a": [1]}, geometry=[Point(0, 0)]).drop(columns="geometry")
-    pyogrio.write_dataframe(frame, path, layer="numbers")
-    refused(path, "release.file", "no layer with geometry", "numbers")
-
-
-def test_missing_field_lists_the_fields(refused, make_layer):
-    path = make_layer([AREA], title=["a"], rock=["large"])
-    refused(
-        path, "release.name_field", "'titel'", "title, rock", "nearest: title", name_field="titel"
-    )
-    refused(path, "release.scenario_field", "'x'", "one of title, rock", scenario_field="x")
-
-
-def test_empty_layer(refused, make_layer):
+    table = gpd.GeoDataFrame({"a": [1]}, geometry=[Point(0, 0)]).drop(columns="geometry")
+    pyogrio.write_dataframe(table, path.with_name("table.gpkg"), layer="numbers")
+    none = path.with_name("table.gpkg")
+    refused(none, "release.file", "no layer with geometry", "numbers")
     refused(make_layer([], "empty.gpkg", layer="none"), "layer none", "empty", "at least one")
+
+
+def test_missing_fields_and_unknown_scenarios(refused, make_layer):
+    path = make_layer([AREA], title=["a"], rock=["small;lrge"])
+    words = ["release.name_field", "'titel'", "title, rock", "nearest: title"]
+    refused(path, *words, name_field="titel")
+    refused(path, "release.scenario_field", "'x'", "one of title, rock", scenario_field="x")
+    words = ["rock", "feature 1 (a)", "'lrge'", "one of large, small (nearest: large)"]
+    refused(path, *words, scenario_field="rock", name_field="title")
 
 
 X0, Y0, X1, Y1 = AREA.bounds
@@ -194,14 +150,11 @@ SWAPPED = box(SWISS[1], SWISS[0], SWISS[3], SWISS[2])
 #: Shapes, how they are written, and words of the message.
 SHAPES = {
     "none": ([AREA, None], {}, ["feature 2 (b)", "no usable geometry", "polygon"]),
-    "empty": ([AREA, Polygon()], {}, ["feature 2 (b)", "no usable geometry", "polygon"]),
     "crossing": ([AREA, BOW], {}, ["feature 2 (b)", "Self-intersection",
                  f"[{0.5 * (X0 + X1)} {0.5 * (Y0 + Y1)}]"]),
     "collection": ([GeometryCollection([AREA, Point(WEST + 5, NORTH - 5)])], {},
                    ["feature 1", "wrong kind", "GeometryCollection", "polygon or line or point"]),
-    "outside": ([FAR], {}, ["feature 1", "outside the DEM", "2701000", "within x 2700000"]),
-    "one outside": ([AREA, FAR], {}, ["feature 2 (b)", "outside the DEM"]),
-    "touching": ([AREA, at(300, 31, 400, 58)], {}, ["feature 2", "outside the DEM"]),
+    "outside": ([AREA, FAR], {}, ["feature 2 (b)", "outside the DEM", "2701000", "within x 27"]),
     # Cells under such a polygon would be looked for without end.
     "no place": ([Polygon([(X0, Y0), (X1, Y0), (X1, Y0 - 1e308)])], {},
                  ["feature 1", "coordinate that is no place on Earth"]),
@@ -220,17 +173,10 @@ def test_shapes_that_cannot_be_used(refused, make_layer, case):
 
 
 def test_metres_tagged_as_degrees(refused, tmp_path):
-    # What GDAL makes of a GeoJSON written in Swiss coordinates.
     path = tmp_path / "release.geojson"
     shape = {"type": "Polygon", "coordinates": [list(map(list, AREA.exterior.coords))]}
     path.write_text(json.dumps({"type": "Feature", "properties": {}, "geometry": shape}))
     refused(path, "release.file", "cannot be degrees", "WGS 84", "tagged")
-
-
-def test_unknown_scenario(refused, make_layer):
-    path = make_layer([AREA], title=["a"], blocks=["small;lrge"])
-    words = ["blocks", "feature 1 (a)", "'lrge'", "one of large, small (nearest: large)"]
-    refused(path, *words, scenario_field="blocks", name_field="title")
 
 
 def test_names_are_identities(refused, make_layer):
@@ -240,59 +186,34 @@ def test_names_are_identities(refused, make_layer):
     refused(path, "title", "feature 2 has no name", name_field="title")
 
 
-def test_only_nodata_below(refused, make_layer, slope_grid):
-    values = slope_grid.values.copy()
-    values[3:6, 5:10] = np.nan
-    grid = replace(slope_grid, values=values)
-    refused(make_layer([AREA]), "feature 1", "lies on nodata", "no height", grid=grid)
-
-
-# --- warnings -------------------------------------------------------------------------------
-
-
-def test_partly_outside_is_a_warning_with_the_share(make_layer, slope_grid, caplog):
-    path = make_layer([at(290, 31, 330, 58)])
-    read_release(settings(path), slope_grid, BLOCKS)
-    assert "feature 1: 75.0 % of it lies outside the DEM" in caplog.text
-
-
-def test_some_nodata_is_a_warning_with_the_share(make_layer, slope_grid, caplog):
-    values = slope_grid.values.copy()
-    values[3, 5:7] = np.nan
-    path = make_layer([at(50, 30, 100, 60)])
-    (area,) = read_release(settings(path), replace(slope_grid, values=values), BLOCKS)
-    assert area.known == pytest.approx(13 / 15)
-    assert "13.3 % of it is nodata; no block starts there" in caplog.text
-    assert "one per year is put on the rest as a whole" in caplog.text
-
-
 @pytest.mark.parametrize(
-    ("shape", "known"),
+    ("shape", "known", "says"),
     [
         # Cells of 10 m; heights are missing west of 60 m.
-        (at(53, 31, 83, 58), 23 / 30),
-        (at(-20, 31, 80, 58), 20 / 100),
-        (LineString([(WEST + 30, NORTH - 35), (WEST + 130, NORTH - 35)]), 70 / 100),
+        (at(53, 31, 83, 58), 23 / 30, "23.3 % of it is nodata; no block starts there"),
+        (at(-20, 31, 80, 58), 20 / 100, "feature 1: 20.0 % of it lies outside the DEM"),
+        (LineString([(WEST + 30, NORTH - 35), (WEST + 130, NORTH - 35)]), 70 / 100, "30.0 %"),
         # Along the border of two rows, and across, with a third outside.
-        (LineString([(WEST + 30, NORTH - 40), (WEST + 130, NORTH - 40)]), 70 / 100),
-        (LineString([(WEST + 100, NORTH + 20), (WEST + 100, NORTH - 40)]), 4 / 6),
-        (
-            MultiPoint([(WEST + 50, NORTH - 35), (WEST + 70, NORTH - 35), (WEST + 80, NORTH - 35)]),
-            2 / 3,
-        ),
-        (LineString([(WEST + 80, NORTH - 40), (WEST + 81, NORTH - 40)]), 1.0),
+        (LineString([(WEST + 30, NORTH - 40), (WEST + 130, NORTH - 40)]), 70 / 100, "30.0 %"),
+        (LineString([(WEST + 100, NORTH + 20), (WEST + 100, NORTH - 40)]), 4 / 6, "33.3 %"),
+        (MultiPoint([(WEST + x, NORTH - 35) for x in (50, 70, 80)]), 2 / 3, "33.3 %"),
     ],
 )
-def test_the_share_on_known_terrain_is_that_of_the_shape(make_layer, slope_grid, shape, known):
+def test_the_share_on_known_terrain_is_that_of_the_shape(
+    make_layer, slope_grid, caplog, shape, known, says
+):
     values = slope_grid.values.copy()
     values[:, :6] = np.nan
     grid = replace(slope_grid, values=values)
     (area,) = read_release(settings(make_layer([shape])), grid, BLOCKS)
     assert area.known == pytest.approx(known, abs=1e-8)
+    assert says in caplog.text and "one per year is put on the rest as a whole" in caplog.text
     # A part of the terrain that holds the shape gives the same bits.
     part = grid.part(slice(0, 8), slice(0, 20))
     (again,) = read_release(settings(make_layer([shape], "again.gpkg")), part, BLOCKS)
     assert again.known == area.known
+    with one_line(InputError, "feature 1", "lies on nodata", "no height"):
+        read_release(settings(make_layer([at(3, 31, 50, 58)], "none.gpkg")), grid, BLOCKS)
 
 
 @pytest.mark.parametrize(("degrees", "warned"), [(19.5, True), (21.0, False)])
@@ -326,9 +247,6 @@ def test_open_rings_are_refused_and_the_reason_is_told(refused, tmp_path, caplog
     assert "Non closed ring" in caplog.text
 
 
-# --- cells and slopes -----------------------------------------------------------------------
-
-
 def test_cells_under_polygons_lines_and_points(slope_grid):
     def marked(shape):
         rows, cols, mask = cells_under(shape, slope_grid)
@@ -350,9 +268,6 @@ def test_steepest_slope_is_that_of_the_plane_even_at_the_edge(slope_grid):
         assert steepest_slope_deg(shape, slope_grid) == pytest.approx(45.0)
 
 
-# --- stations and barriers ------------------------------------------------------------------
-
-
 @pytest.fixture
 def control_lines(tmp_path, slope_grid):
     def read(text):
@@ -367,11 +282,13 @@ ROAD = LineString([(WEST + 10, NORTH - 150), (WEST + 100, NORTH - 150), (WEST + 
 
 
 def test_control_lines_from_lines_and_files(make_layer, control_lines):
-    make_layer([ROAD, MultiLineString([ROAD.parallel_offset(20)])], "s.shp", name=["road", "rail"])
+    first, middle, last = ROAD.coords
+    parts = MultiLineString([[first, middle], [middle, last]])
+    make_layer([parts, ROAD.parallel_offset(20)], "s.gpkg", name=["road", "rail"])
     result = control_lines(f"""
 [[stations]]
 name = "s"
-file = "s.shp"
+file = "s.gpkg"
 name_field = "name"
 [[barriers]]
 name = "net"
@@ -383,7 +300,7 @@ line = [[{WEST + 10}, {NORTH - 90}], [{WEST + 10}, {NORTH - 90}], [{WEST + 200},
 name = "wall"
 kind = "wall"
 height_m = 3
-file = "s.shp"
+file = "s.gpkg"
 """)
     assert [(g.name, g.kind, g.height_m, g.capacity_kj) for g, _ in result] == [
         ("road", "station", 0.0, math.inf),
@@ -392,22 +309,10 @@ file = "s.shp"
         ("wall 1", "wall", 3.0, math.inf),
         ("wall 2", "wall", 3.0, math.inf),
     ]
+    # Parts that meet are one line.
     np.testing.assert_array_equal(result[0][1], np.array(ROAD.coords))
     np.testing.assert_array_equal(result[2][1], [[WEST + 10, NORTH - 90], [WEST + 200, NORTH - 95]])
     assert result[2][1].dtype == np.float64
-
-
-def test_a_single_feature_takes_the_name_of_the_station(make_layer, control_lines):
-    make_layer([ROAD], "s.gpkg")
-    ((line, _),) = control_lines('[[stations]]\nname = "road"\nfile = "s.gpkg"')
-    assert line.name == "road"
-
-
-def test_parts_that_join_are_one_line(make_layer, control_lines):
-    first, middle, last = ROAD.coords
-    make_layer([MultiLineString([[first, middle], [middle, last]])], "s.gpkg")
-    ((_, points),) = control_lines('[[stations]]\nname = "road"\nfile = "s.gpkg"')
-    assert len(points) == 3
 
 
 @pytest.mark.parametrize(
@@ -428,33 +333,13 @@ def test_stations_that_cannot_be_used(make_layer, control_lines, text, words):
         control_lines(f'[[stations]]\nname = "road"\n{text}')
 
 
-def test_names_differ_over_files_too(make_layer, control_lines):
+def test_names_differ_over_files_too(make_layer, control_lines, caplog):
     make_layer([ROAD], "s.gpkg", title=["road"])
-    line = f"line = [[{WEST + 1}, {NORTH - 9}], [{WEST + 90}, {NORTH - 9}]]"
-    with one_line(ConfigError, "run.toml", "used twice", "'road'"):
-        control_lines(
-            f'[[stations]]\nname = "road"\n{line}\n'
-            '[[stations]]\nname = "s"\nfile = "s.gpkg"\nname_field = "title"'
-        )
-
-
-def test_lines_partly_outside_are_warned_of(control_lines, caplog):
-    control_lines(
-        f'[[stations]]\nname = "road"\n'
-        f"line = [[{WEST + 200}, {NORTH - 9}], [{WEST + 400}, {NORTH - 9}]]"
-    )
+    line = f"line = [[{WEST + 200}, {NORTH - 9}], [{WEST + 400}, {NORTH - 9}]]"
+    own = f'[[stations]]\nname = "road"\n{line}\n'
+    second = '[[stations]]\nname = "rail"\nfile = "s.gpkg"\n'
+    # A single feature takes the name of the station.
+    assert [station.name for station, _ in control_lines(own + second)] == ["road", "rail"]
     assert "stations[road].line: road: 50.0 % of it lies outside the DEM" in caplog.text
-
-
-# --- field data -----------------------------------------------------------------------------
-
-
-def test_release_areas_of_the_avalanche_data(shared_data):
-    from sassgis.inputs.dem import read_dem
-
-    folder = shared_data / "tirol_avaMalRegional"
-    grid = read_dem(folder / "avaMal.tif")
-    path = folder / "REL" / "relMalRegional.shp"
-    areas = read_release(settings(path, name_field="Name"), grid, BLOCKS)
-    assert len(areas) == 6
-    assert all(a.geometry.area > 1000.0 for a in areas)
+    with one_line(ConfigError, "run.toml", "used twice", "'road'"):
+        control_lines(own + second + 'name_field = "title"')

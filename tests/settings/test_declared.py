@@ -10,20 +10,10 @@ import pytest
 from annotated_types import Interval
 
 from sassgis.engine.effects.air_drag import AirDrag
-from sassgis.engine.effects.registry import EFFECTS
 from sassgis.engine.effects.trees import Trees
 from sassgis.errors import ConfigError
 from sassgis.settings.effects import EffectSettings
-from sassgis.settings.schema import (
-    Renamed,
-    Section,
-    Several,
-    Span,
-    checked,
-    declared,
-    is_file,
-    limits_text,
-)
+from sassgis.settings.schema import Renamed, Section, Several, Span, checked, declared, is_file
 from sassgis.settings.settings import BlockSettings, RunSettings, TerrainSettings
 
 
@@ -45,13 +35,14 @@ def test_what_is_declared():
     assert keys["length_m"].description == "a length (m)"
     assert not keys["length_m"].is_required
     assert declared(BlockSettings)["name"].is_required
+    assert is_file(declared(TerrainSettings)["dem"].kind)
+    assert not is_file(declared(TerrainSettings)["crs"].kind)
 
 
 @pytest.mark.parametrize(
     ("wrong", "words"),
     [
         ({"length_m": 0.0}, ["length_m", "found 0.0", "above 0 and below 10"]),
-        ({"length_m": 10.0}, ["length_m", "found 10.0"]),
         ({"length_m": float("nan")}, ["length_m", "found nan", "finite"]),
         ({"span_m": (2.0, 1.0)}, ["span_m", "reversed"]),
         ({"span_m": (-1.0, 1.0)}, ["span_m", "found -1.0", "0 or more"]),
@@ -67,27 +58,10 @@ def test_a_value_beyond_its_limits_is_refused(wrong, words):
         replace(Sample(), **wrong)
 
 
-def test_values_at_their_limits_are_taken():
-    assert Sample(length_m=9.999, span_m=(0.0, 0.0), rule="b", many=()).many == ()
-
-
 def test_numbers_of_numpy_are_taken():
-    made = Sample(np.float32(2.0), span_m=np.float64(3.0), many=[np.int64(2).item()])
-    assert (made.length_m, made.span_m, made.many) == (2.0, (3.0, 3.0), (2,))
+    made = Sample(np.float32(9.5), span_m=np.float64(0.0), many=[np.int64(2).item()])
+    assert (made.length_m, made.span_m, made.many) == (9.5, (0.0, 0.0), (2,))
     assert RunSettings(seed=np.int64(5)).seed == 5
-
-
-def test_limits_in_words():
-    assert limits_text(Interval(ge=0, le=2)) == "0 or more and at most 2"
-    assert limits_text(Interval(gt=0)) == "above 0"
-
-
-def test_files_are_known():
-    assert is_file(declared(TerrainSettings)["dem"].kind)
-    assert not is_file(declared(TerrainSettings)["crs"].kind)
-
-
-# --- effects ---
 
 
 def test_a_set_of_effects():
@@ -101,10 +75,3 @@ def test_a_set_of_effects():
     assert both.having(other).get(AirDrag) == other
     with pytest.raises(ValueError, match="twice"):
         EffectSettings(drag, other)
-
-
-@pytest.mark.parametrize("name", list(EFFECTS))
-def test_every_row_is_complete(name):
-    row = EFFECTS[name]
-    assert row.name == name and row.label and row.summary
-    assert row.settings() == row.settings()

@@ -5,7 +5,6 @@ from __future__ import annotations
 import pytest
 from scipy.stats import norm
 
-from sassgis.errors import InputError
 from sassgis.settings.ground import GroundClass, GroundTable
 from sassgis.settings.ground_ranges import RangeRule, acting, ranges_of, with_values
 from sassgis.settings.settings import EngineSettings
@@ -73,11 +72,6 @@ def test_other_values_and_the_spread_of_the_slope_together() -> None:
     b = changed.classes[1]
     assert (b.dp_min, b.dp_max, b.mu_f, b.mu_0) == pytest.approx((0.2, 0.8, 0.7, 0.6))
     assert with_values(TABLE, {}) == TABLE
-
-
-def test_reversed_limits_are_refused() -> None:
-    with pytest.raises(InputError, match=r"range of a k is reversed.*0\.3 above 0\.2"):
-        RangeRule("a", "k", "value", 0.3, 0.2)
 
 
 def test_parameters_that_the_readings_do_not_use_are_not_varied() -> None:

@@ -33,7 +33,7 @@ def test_quantiles_have_a_histogram_and_the_first_band_is_in_the_title(row) -> N
         assert f"{100 * shares[0]:.0f} % quantile" in row.description(row.bands[0])
 
 
-@pytest.mark.parametrize("strongest_kj", [300.0, 540.0, 1000.0, 5000.0])
+@pytest.mark.parametrize("strongest_kj", [300.0, 5000.0])
 def test_edges_rise_from_0_and_those_of_a_larger_terrain_go_on(strongest_kj: float) -> None:
     limits = (0.0, 30.0, strongest_kj)
     small = default_bins(100.0, 10.0, 30.0, limits)
