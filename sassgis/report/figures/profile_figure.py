@@ -69,7 +69,7 @@ class ProfilePanel:
         return joined("; ", parts)
 
     def bands(self) -> tuple[FloatArray, FloatArray]:
-        """Return chainages (n,) and the 5, 25, 75 and 95 % heights (4, n) of the paths (m)."""
+        """Return chainages and the 5, 25, 75 and 95 % heights of the paths (m), (n,) and (4, n)."""
         s = np.linspace(self.s[0], self.s[-1], 400)
         rows = [np.interp(s, *path, np.nan, np.nan) for path in self.trajectories if len(path[0])]
         z = np.array(rows)

@@ -94,7 +94,7 @@ def new_figure(
 
 
 class Sheet:
-    """A figure that lays itself out, so high (in) between its title and its legends and note."""
+    """A figure that lays itself out; its height (in) is that between title and legends."""
 
     def __init__(
         self, title: str, note: str, height_in: float, *, compressed: bool = False
