@@ -1,7 +1,6 @@
 """Open a project in the real QGIS and print as JSON what its print layouts hold.
 
-Run by the system's Python: ``/usr/bin/python3 layout_probe.py PROJECT.qgz [ALGORITHM.pdf]``. With
-a second argument the first layout is printed there by QGIS's own ``native:printlayouttopdf``.
+Run by the system's Python: ``/usr/bin/python3 layout_probe.py PROJECT.qgz``.
 """
 
 import json
@@ -11,7 +10,6 @@ import sys
 os.environ.setdefault("QT_QPA_PLATFORM", "offscreen")
 
 from qgis import core
-from qgis.analysis import QgsNativeAlgorithms
 from qgis.PyQt.QtCore import QRectF, Qt
 from qgis.PyQt.QtGui import QFont, QFontMetricsF, QImage, QPainter
 
@@ -100,15 +98,6 @@ def main():
             "page": [page.pageSize().width(), page.pageSize().height()],
             "items": [describe(item) for item in items if item.type() != page.type()],
         }
-    if len(sys.argv) > 2:
-        application.processingRegistry().addProvider(QgsNativeAlgorithms())
-        algorithm = application.processingRegistry().algorithmById("native:printlayouttopdf")
-        context = core.QgsProcessingContext()
-        context.setProject(project)
-        task = {"LAYOUT": next(iter(report["layouts"])), "OUTPUT": sys.argv[2]}
-        result, done = algorithm.run(task, context, core.QgsProcessingFeedback())
-        report["algorithm"] = [done, result.get("OUTPUT")]
-        del context, algorithm
     sys.stdout.write(json.dumps(report, ensure_ascii=False) + "\n")
     sys.stdout.flush()
     project.clear()

@@ -14,7 +14,6 @@ from sassgis.hazard.zone_styles import LEVEL_CHANGES
 from sassgis.inputs.presets import read_preset
 from sassgis.report import figures
 from sassgis.report.figures.hazard_figures import MAX_SOURCES, amount, leading_sources
-from sassgis.report.figures.hazard_map_figures import level_changes
 from sassgis.settings.hazard_rules import HazardCurves
 from sassgis.settings.languages import in_language
 from sassgis.settings.results import Band, RasterClass, RasterLayer
@@ -141,12 +140,6 @@ def test_uncertain_cells_have_lines_over_them(valley: Grid) -> None:
     assert corners[:, 0].min() <= valley.west + 110.0
     assert "10.0 % of the cells" in texts(figure)
     assert "statistically uncertain" in classes_in(figure)
-
-
-def test_changes_of_level() -> None:
-    before = np.array([np.nan, np.nan, 1.0, 2.0, 0.0, 0.0])
-    after = np.array([np.nan, 0.0, 1.0, 1.0, np.nan, 2.0])
-    np.testing.assert_array_equal(level_changes(before, after), [np.nan, 1, 0, -1, -1, 1])
 
 
 def test_before_after_and_what_changed(valley: Grid) -> None:
