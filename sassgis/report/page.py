@@ -179,7 +179,10 @@ _FIRST = 5
 
 
 def first_warnings(warnings: Sequence[str]) -> tuple[str, ...]:
-    """Return the few warnings, in English, about what may make a result wrong."""
+    """Return the few warnings, in English, about what may make a result wrong.
+
+    They are for the top of a page.
+    """
     return tuple(text for text in warnings if not describes_set_up(text))[:_FIRST]
 
 

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from sassgis.grid import FloatArray, Grid
 from sassgis.hazard.curves import at_energies, energy_at, rate_interval, return_period
-from sassgis.hazard.levels import hazard_level, intensity_class
+from sassgis.hazard.levels import intensity_class
 from sassgis.hazard.preset_labels import energy_labels, preset_unverified
 from sassgis.hazard.sampling_error import LevelChances, rocks_factor
 from sassgis.outputs.layers.maps import described_band, described_raster, level_classes, on_grid
@@ -48,7 +48,8 @@ def hazard_layers(
         return described_band(key, column, on_grid(known, curves.places, grid.shape), name, **words)
 
     words = _words(preset, ref_width_m, confidence)
-    levels = [band("hazard_level", "level", _codes(hazard_level(few, preset)))]
+    level = on_grid(_codes(chances.level), chances.places, grid.shape)
+    levels = [described_band("hazard_level", "level", level)]
     periods = [
         band("return_period", "t", t, f"t{e:g}", of_energy=_of_energy(e))
         for e, t in zip(few.energies_kj, return_period(few.rate).T, strict=True)
