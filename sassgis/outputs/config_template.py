@@ -182,7 +182,7 @@ def save_config(config: Config, path: str | PathLike[str], *, overwrite: bool = 
 
 
 def written_document(config: Config, path: Path, overwrite: bool = False) -> dict[str, Any]:
-    """Return a configuration as a document for ``path``; writes inputs in memory beside it."""
+    """Return a configuration as a document for ``path``; writes what is in memory there."""
     # Symbolic links are followed: the way up from the new place counts real folders.
     base, place = Path(os.path.realpath(config.base)), Path(os.path.realpath(path)).parent
 

@@ -27,7 +27,7 @@ _SEVERAL = {
 def change_figures(
     before: StoredResult, after: StoredResult, folder: Path, *, levels: bool
 ) -> tuple[page.ReportFigure, ...]:
-    """Draw maps before and after and their difference; that of ``levels`` if comparable."""
+    """Draw the maps before and after with their difference; ``levels`` if comparable."""
     grid = after.grid
     out = []
     for compared in (

@@ -98,7 +98,7 @@ def best_places(places: pd.DataFrame) -> tuple[pd.Series, pd.Series] | None:
 
 
 def needs_table(arriving: pd.Series, needs: pd.DataFrame, built: bool) -> page.ReportTable:
-    """Tabulate needs of a line from its rows of design.csv and protection.csv; dash: too rare."""
+    """Tabulate what a line must take by return period; a dash where blocks come less often."""
     columns = (
         "return period | years; energy | kJ; energy class; passing height | m; block | m; "
         "net height | m"

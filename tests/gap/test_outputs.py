@@ -59,8 +59,8 @@ from sassgis.outputs.layers.gap_map import stand_polygon
 from sassgis.report import gap_report
 from sassgis.report.figures import gap_figures as figures
 from sassgis.report.figures.gap_figures import GapStretch, _band
-from sassgis.report.gap_answer import finding_sentence, verdict_sentence
-from sassgis.report.gap_report import answer, headline, map_parts, report_warnings
+from sassgis.report.gap_answer import answer, finding_sentence, verdict_sentence
+from sassgis.report.gap_report import headline, map_parts, report_warnings
 from sassgis.report.page import translated_report, write_report
 from sassgis.runs.compare import map_change
 from sassgis.runs.diagnose import write_outputs

@@ -18,14 +18,7 @@ from shapely.geometry import LineString, MultiPolygon, Point, box
 from sassgis.errors import OutputError
 from sassgis.files.vector_layer import VectorLayer
 from sassgis.outputs.geopackage import write_geopackage
-from sassgis.settings.styles import (
-    FALL_LINE_STYLE,
-    FOOTPRINT_STYLE,
-    RELEASE_AREA_STYLE,
-    RELEASE_POINT_STYLE,
-    FieldInfo,
-    VectorStyle,
-)
+from sassgis.settings import styles
 
 
 @pytest.fixture(scope="module")
@@ -48,7 +41,7 @@ def frame_of(geometry: list, **columns: list) -> gpd.GeoDataFrame:
     return gpd.GeoDataFrame(columns, geometry=geometry, crs="EPSG:2056")
 
 
-def written(folder: Path, frame: gpd.GeoDataFrame, style: VectorStyle) -> Path:
+def written(folder: Path, frame: gpd.GeoDataFrame, style: styles.VectorStyle) -> Path:
     """A GeoPackage with the frame as its only layer."""
     return write_geopackage(folder / "a.gpkg", [VectorLayer("own", "A", "", frame, style=style)])
 
@@ -129,7 +122,7 @@ def test_equal_input_gives_equal_bytes(tmp_path: Path) -> None:
 def test_the_time_of_gdal_is_left_as_it_was(tmp_path: Path) -> None:
     pyogrio.set_gdal_config_options({"OGR_CURRENT_DATE": "2020-02-02T00:00:00Z"})
     try:
-        written(tmp_path, frame_of([Point(0, 0)]), RELEASE_POINT_STYLE)
+        written(tmp_path, frame_of([Point(0, 0)]), styles.RELEASE_POINT_STYLE)
         assert pyogrio.get_gdal_config_option("OGR_CURRENT_DATE") == "2020-02-02T00:00:00Z"
     finally:
         pyogrio.set_gdal_config_options({"OGR_CURRENT_DATE": None})
@@ -138,16 +131,18 @@ def test_the_time_of_gdal_is_left_as_it_was(tmp_path: Path) -> None:
 def test_parts_and_heights_are_kept(tmp_path: Path) -> None:
     (tmp_path / "lines").mkdir()
     areas = frame_of([box(0, 0, 1, 1), MultiPolygon([box(2, 0, 3, 1), box(4, 0, 5, 1)])])
-    read = pyogrio.read_dataframe(written(tmp_path, areas, FOOTPRINT_STYLE), layer="own")
+    read = pyogrio.read_dataframe(written(tmp_path, areas, styles.FOOTPRINT_STYLE), layer="own")
     assert set(read.geom_type) == {"MultiPolygon"} and read.area.tolist() == [1.0, 2.0]
     lines = frame_of([LineString([(0, 0, 5), (1, 1, 4)]), LineString([(0, 0), (2, 2)])])
-    read = pyogrio.read_dataframe(written(tmp_path / "lines", lines, FALL_LINE_STYLE), layer="own")
+    read = pyogrio.read_dataframe(
+        written(tmp_path / "lines", lines, styles.FALL_LINE_STYLE), layer="own"
+    )
     assert read.geometry.has_z.all()
     assert [point[2] for point in read.geometry[0].coords] == [5.0, 4.0]
 
 
 def test_local_coordinates_are_undefined_cartesian(tmp_path: Path) -> None:
-    path = written(tmp_path, gpd.GeoDataFrame(geometry=[Point(1, 2)]), RELEASE_POINT_STYLE)
+    path = written(tmp_path, gpd.GeoDataFrame(geometry=[Point(1, 2)]), styles.RELEASE_POINT_STYLE)
     with closing(sqlite3.connect(path)) as connection:
         assert connection.execute("SELECT srs_id FROM gpkg_geometry_columns").fetchone() == (-1,)
 
@@ -157,7 +152,7 @@ def test_an_empty_frame_without_geometry_type(tmp_path: Path) -> None:
         {"name": np.array([], dtype=object), "n": np.array([], dtype=np.int64)},
         geometry=gpd.GeoSeries([], crs="EPSG:2056"),
     )
-    info = pyogrio.read_info(written(tmp_path, frame, RELEASE_AREA_STYLE), layer="own")
+    info = pyogrio.read_info(written(tmp_path, frame, styles.RELEASE_AREA_STYLE), layer="own")
     assert (info["features"], info["geometry_type"]) == (0, "MultiPolygon")
     assert list(info["fields"]) == ["name", "n"]
     assert list(info["dtypes"]) == ["object", "int64"]
@@ -166,14 +161,21 @@ def test_an_empty_frame_without_geometry_type(tmp_path: Path) -> None:
 def test_what_does_not_fit_is_refused(tmp_path: Path) -> None:
     points = frame_of([Point(0, 0)], name=["a"])
     with pytest.raises(ValueError, match="no such column: nmae"):
-        VectorLayer("p", "P", "", points, {"nmae": FieldInfo("Name")}, style=RELEASE_POINT_STYLE)
+        VectorLayer(
+            "p",
+            "P",
+            "",
+            points,
+            {"nmae": styles.FieldInfo("Name")},
+            style=styles.RELEASE_POINT_STYLE,
+        )
     with pytest.raises(ValueError, match="needs the column name"):
-        VectorLayer("a", "A", "", frame_of([box(0, 0, 1, 1)]), style=RELEASE_AREA_STYLE)
-    layer = VectorLayer("a", "A", "", points, style=RELEASE_AREA_STYLE)
+        VectorLayer("a", "A", "", frame_of([box(0, 0, 1, 1)]), style=styles.RELEASE_AREA_STYLE)
+    layer = VectorLayer("a", "A", "", points, style=styles.RELEASE_AREA_STYLE)
     with pytest.raises(ValueError, match="layer a: cannot draw Point"):
         write_geopackage(tmp_path / "a.gpkg", [layer])
     assert not (tmp_path / "a.gpkg").exists()
-    good = VectorLayer("p", "P", "", points, style=RELEASE_POINT_STYLE)
+    good = VectorLayer("p", "P", "", points, style=styles.RELEASE_POINT_STYLE)
     with pytest.raises(ValueError, match="one name each"):
         write_geopackage(tmp_path / "a.gpkg", [good, good])
     write_geopackage(tmp_path / "a.gpkg", [good])

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import socket
 from collections.abc import Iterator
+from functools import cache
 from pathlib import Path
 
 import geopandas as gpd
@@ -37,6 +38,7 @@ def square(row: int, col: int) -> tuple[float, float, float, float]:
     return west, north - SIDE, west + SIDE, north
 
 
+@cache
 def geotiff(row: int, col: int, lift: float = 0.0) -> bytes:
     west, _, _, north = square(row, col)
     with MemoryFile() as memory:

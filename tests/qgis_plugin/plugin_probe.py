@@ -14,20 +14,12 @@ from pathlib import Path
 
 os.environ.setdefault("QT_QPA_PLATFORM", "offscreen")
 
-from qgis.core import (
-    QgsApplication,
-    QgsProcessingContext,
-    QgsProcessingFeatureSourceDefinition,
-    QgsProcessingFeedback,
-    QgsProject,
-    QgsRasterLayer,
-    QgsVectorLayer,
-)
+from qgis import core
 
 LAYERS = []
 
 
-class Feedback(QgsProcessingFeedback):
+class Feedback(core.QgsProcessingFeedback):
     """Keeps what is said."""
 
     def __init__(self, cancel):
@@ -56,14 +48,14 @@ def value_of(value):
     if not (isinstance(value, str) and value.startswith("@")):
         return value
     file, _, chosen = value[1:].partition("|")
-    layer = QgsVectorLayer(file, Path(file).stem, "ogr")
+    layer = core.QgsVectorLayer(file, Path(file).stem, "ogr")
     assert layer.isValid(), file
-    QgsProject.instance().addMapLayer(layer, False)
+    core.QgsProject.instance().addMapLayer(layer, False)
     LAYERS.append(layer)
     if not chosen:
         return layer
     layer.selectByIds([int(n) for n in chosen.split(",")])
-    return QgsProcessingFeatureSourceDefinition(layer.id(), True)
+    return core.QgsProcessingFeatureSourceDefinition(layer.id(), True)
 
 
 def tree(node):
@@ -82,10 +74,10 @@ def tree(node):
 def call(task):
     import processing
 
-    project = QgsProject.instance()
+    project = core.QgsProject.instance()
     project.clear()
     feedback = Feedback(task.get("cancel"))
-    context = QgsProcessingContext()
+    context = core.QgsProcessingContext()
     context.setProject(project)
     parameters = {k: value_of(v) for k, v in task["parameters"].items()}
     report = {"error": None, "results": None}
@@ -168,14 +160,14 @@ def steps(window, task):
     from qgis.PyQt.QtCore import QEventLoop, QTimer
     from qgis.PyQt.QtWidgets import QTableWidgetItem
 
-    project = QgsProject.instance()
+    project = core.QgsProject.instance()
     project.clear()
     dock = window.dock
     dock.setVisible(True)
     dock.refresh()
     seen = {"begin": states(dock)}
-    dem = QgsRasterLayer(task["dem"], "terrain")
-    layers = {name: QgsVectorLayer(file, name, "ogr") for name, file in task["layers"].items()}
+    dem = core.QgsRasterLayer(task["dem"], "terrain")
+    layers = {name: core.QgsVectorLayer(file, name, "ogr") for name, file in task["layers"].items()}
     project.addMapLayers([dem, *layers.values()])
     dock.dem.setLayer(dem)
     seen["terrain"] = states(dock)
@@ -223,8 +215,8 @@ def main():
     signal.signal(signal.SIGINT, signal.default_int_handler)
     task = json.loads(Path(sys.argv[1]).read_text(encoding="utf-8"))
     sys.path[:0] = ["/usr/share/qgis/python/plugins", task["plugins"]]
-    QgsApplication.setPrefixPath("/usr", True)
-    application = QgsApplication([], True)
+    core.QgsApplication.setPrefixPath("/usr", True)
+    application = core.QgsApplication([], True)
     application.initQgis()
     from processing.core.Processing import Processing
     from processing.core.ProcessingConfig import ProcessingConfig
@@ -236,7 +228,7 @@ def main():
     plugin = sassgis_plugin.classFactory(window)
     plugin.initGui()
     ProcessingConfig.setSettingValue("SASSGIS_PROGRAM", task["program"])
-    provider = QgsApplication.processingRegistry().providerById("sassgis")
+    provider = core.QgsApplication.processingRegistry().providerById("sassgis")
     report = {
         "icon": not provider.icon().isNull(),
         "algorithms": {a.name(): list(a.canExecute()) for a in provider.algorithms()},
@@ -249,7 +241,7 @@ def main():
     report["imported"] = [name for name in heavy if name in sys.modules]
     plugin.unload()
     report["unloaded"] = (
-        QgsApplication.processingRegistry().providerById("sassgis") is None
+        core.QgsApplication.processingRegistry().providerById("sassgis") is None
         and "SASSGIS_PROGRAM" not in ProcessingConfig.settings
         and window.menu == []
     )

@@ -166,16 +166,12 @@ def seen(ask: Ask, valley: Path, slope: Slope, layers: dict[str, str]) -> dict[s
     }  # fmt: skip
     choices = {"GROUND": "talus", "SCENARIOS": SCENARIOS, "SPACING": 6, "BLOCKS": 5}
     zoned = {**plain, **more, **choices, "REF_WIDTH": 10}
-    half = [*SCENARIOS[:7], ""]
+    half, line = [*SCENARIOS[:7], ""], {"CONFIG": slope.config, "BLOCKS": 9}
     calls = {
         "run": calling("run", out / "run", CONFIG=valley, SEED=12345678),
         "zone": calling("zone", out / "zone", **zoned),
-        "profile": calling(
-            "profile", out / "one", CONFIG=slope.config, LINE=f"@{layers['lines']}|1"
-        ),
-        "two lines": calling(
-            "profile", out / "two", CONFIG=slope.config, LINE=f"@{layers['lines']}"
-        ),
+        "profile": calling("profile", out / "one", **line, LINE=f"@{layers['lines']}|1"),
+        "two lines": calling("profile", out / "two", **line, LINE=f"@{layers['lines']}"),
         "wrong key": calling("run", out / "x", CONFIG=wrong),
         "nothing": calling("run", out / "x"),
         "both": calling("run", out / "x", CONFIG=valley, **plain),

@@ -57,7 +57,7 @@ _LIMITS = "by the sampling of blocks; none of the model or of the onset frequenc
 
 
 def exposed_layers(placed: PlacedObjects, crs: str) -> list[VectorLayer]:
-    """Return layers of areas, lines and points, those that have objects; a road is one."""
+    """Return layers of areas, lines and points that have objects; a road is one object."""
     whole = {"name": [t.whole for t in placed.objects], "kind": [t.kind for t in placed.objects]}
     frame = gpd.GeoDataFrame(whole, geometry=list(placed.geometries), crs=crs or None)
     frame = frame.dissolve(["name", "kind"], sort=False).reset_index()[["name", "kind", "geometry"]]

@@ -140,7 +140,7 @@ def _panel(ax: Axes, name: str, histogram: Histogram, log: bool) -> None:
 
 @style.house_style()
 def station_figure(name: str, *histograms: Histogram, n: int) -> Figure:
-    """Draw speed, rotation, height, energy (by a factor) of blocks at a station, of n in all."""
+    """Draw speed, rotation, height and energy of the blocks that pass a station, of n in all."""
     passed = thousands(int(np.sum(histograms[0].counts)))
     figure = style.Sheet(
         name, phrase("{} of {} simulated blocks pass", passed, thousands(n)), 4.1

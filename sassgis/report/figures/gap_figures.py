@@ -354,7 +354,7 @@ def gap_ladder_figure(ladder: Sequence[Rung]) -> Figure:
 def gap_hypotheses_figure(
     hypotheses: Sequence[Hypothesis], *, verdict: str, confusion: Sequence[str] = ()
 ) -> Figure:
-    """Draw gain and probability of each explanation; marks the answer and what may be it."""
+    """Draw gain and probability of each explanation; marks the answer and its rivals."""
     n = len(hypotheses)
     others = [e for e in confusion if e != verdict]
     note = phrase(

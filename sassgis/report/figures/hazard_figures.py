@@ -33,7 +33,7 @@ _FIELD_ALPHA = 0.38
 
 
 def leading_sources(by_source: Mapping[str, FloatArray]) -> dict[str, FloatArray]:
-    """Return rates of at most MAX_SOURCES sources, the most frequent first, others as a sum."""
+    """Return the rates of the most frequent sources, at most MAX_SOURCES with the rest as one."""
     coming = {name: np.asarray(r, float) for name, r in by_source.items() if np.any(r > 0.0)}
     names = sorted(coming, key=lambda name: -coming[name][0])
     if len(names) <= MAX_SOURCES:

@@ -13,6 +13,7 @@ from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch, Polygon
 from matplotlib.ticker import MultipleLocator
+from matplotlib.transforms import Bbox
 
 from sassgis.grid import FloatArray, IntArray
 from sassgis.report.figures import style
@@ -68,7 +69,7 @@ class ProfilePanel:
         return joined("; ", parts)
 
     def bands(self) -> tuple[FloatArray, FloatArray]:
-        """Return chainages (n,) and the 5, 25, 75 and 95 % heights (4, n) of the paths (m)."""
+        """Return chainages and the 5, 25, 75 and 95 % heights of the paths (m), (n,) and (4, n)."""
         s = np.linspace(self.s[0], self.s[-1], 400)
         rows = [np.interp(s, *path, np.nan, np.nan) for path in self.trajectories if len(path[0])]
         z = np.array(rows)
@@ -87,24 +88,8 @@ def runs_of(ground: IntArray) -> list[tuple[int, int, int]]:
     return [(int(classes[a]), int(a), int(b)) for a, b in pairwise(borders)]
 
 
-@dataclass(frozen=True, slots=True)
-class _Frame:
-    """Limits of a panel (m) and its drawn size (in)."""
-
-    s0: float
-    s1: float
-    z0: float
-    z1: float
-    inches: tuple[float, float]
-
-    @property
-    def pt(self) -> float:
-        """Metres per typographic point."""
-        return (self.s1 - self.s0) / (self.inches[0] * 72.0)
-
-
-def _frame(panels: Sequence[ProfilePanel], max_height_in: float) -> _Frame:
-    """Fit the slope, paths and barriers of all panels to the page, at equal scale of both axes."""
+def _frame(panels: Sequence[ProfilePanel], max_height_in: float) -> tuple[Bbox, float]:
+    """Return limits (m) that hold all panels, and metres per typographic point of both axes."""
     s = np.concatenate([p.s for p in panels])
     z = [p.z for p in panels]
     for panel in panels:
@@ -124,15 +109,13 @@ def _frame(panels: Sequence[ProfilePanel], max_height_in: float) -> _Frame:
             break
         # The room for labels does not shrink with the slope.
         width *= max((max_height_in - 60.0 / 72.0) / (height - 60.0 / 72.0), 0.2)
-    return _Frame(
-        s0 - 0.02 * span, s1 + 0.02 * span, z0 - below, z0 + drop + above, (width, height)
-    )
+    ends = z0 - below, z0 + drop + above
+    return Bbox([[s0 - 0.02 * span, ends[0]], [s1 + 0.02 * span, ends[1]]]), metres / 72.0
 
 
-def _draw_ground(ax: Axes, panel: ProfilePanel, frame: _Frame) -> None:
+def _draw_ground(ax: Axes, panel: ProfilePanel, floor: float) -> None:
     """Draw the slope and the strip of ground classes below it."""
     s, z = panel.s, panel.z
-    floor = frame.z0 - (frame.z1 - frame.z0)
     around = np.column_stack([[s[0], *s, s[-1]], [floor, *z, floor]])
     under = Polygon(around, closed=True, fc="#f4f2ef", ec="none", zorder=1)
     ax.add_patch(under)
@@ -154,11 +137,11 @@ def _draw_ground(ax: Axes, panel: ProfilePanel, frame: _Frame) -> None:
     ax.plot(s, z, color=style.INK, lw=1.1, zorder=4, gid="slope", solid_joinstyle="round")
 
 
-def _draw_control_lines(ax: Axes, panel: ProfilePanel, frame: _Frame) -> None:
+def _draw_control_lines(ax: Axes, panel: ProfilePanel, highest: float, pt: float) -> None:
     """Draw stations over the full height, walls and nets at their true height."""
     stations = [(line, s, z) for line, s, z in panel.control_lines if line.kind == "station"]
-    room = np.array([style.text_width_pt(line.name) * frame.pt for line, _, _ in stations])
-    top = frame.z1 - 13.0 * frame.pt
+    room = np.array([style.text_width_pt(line.name) * pt for line, _, _ in stations])
+    top = highest - 13.0 * pt
     bold: dict[str, Any] = {"weight": "bold", "va": "bottom", "zorder": 9}
     placed = style.spread([s for _, s, _ in stations], room)
     for (line, s, z), label in zip(stations, placed, strict=True):
@@ -166,7 +149,7 @@ def _draw_control_lines(ax: Axes, panel: ProfilePanel, frame: _Frame) -> None:
             [s, s], [z, top], color=style.BLUE, lw=0.8, ls=(0, (4, 2)), zorder=3,
             gid=f"control_line-{line.name}",
         )  # fmt: skip
-        offset = (float((label - s) / frame.pt), 2.0)
+        offset = (float((label - s) / pt), 2.0)
         style.beside(ax, line.name, (float(s), top), offset, color=style.BLUE, ha="center", **bold)
     for line, s, z in panel.control_lines:
         if line.kind == "station":
@@ -183,8 +166,8 @@ def _draw_control_lines(ax: Axes, panel: ProfilePanel, frame: _Frame) -> None:
         )
 
 
-def _draw_panel(ax: Axes, panel: ProfilePanel, frame: _Frame) -> None:
-    _draw_ground(ax, panel, frame)
+def _draw_panel(ax: Axes, panel: ProfilePanel, frame: Bbox, pt: float) -> None:
+    _draw_ground(ax, panel, frame.y0 - frame.height)
     paths = [np.column_stack(path) for path in panel.trajectories if len(path[0])]
     if len(paths) > MAX_PATHS:
         s, (low, lower, upper, high) = panel.bands()
@@ -201,12 +184,11 @@ def _draw_panel(ax: Axes, panel: ProfilePanel, frame: _Frame) -> None:
     if stops.size:
         dots = np.column_stack([stops, np.interp(stops, panel.s, panel.z)])
         draw_points(ax, dots, "o", 3.4, style.YELLOW, style.INK, 0.4, zorder=7, gid="stops")
-    _draw_control_lines(ax, panel, frame)
-    ax.set(xlim=(frame.s0, frame.s1), ylim=(frame.z0, frame.z1), aspect="equal")
+    _draw_control_lines(ax, panel, frame.y1, pt)
+    ax.set(xlim=frame.intervalx, ylim=frame.intervaly, aspect="equal")
     ax.set_ylabel("height (m)")
-    across = style.round_step(frame.s1 - frame.s0, max(3, round(1.4 * frame.inches[0])))
-    upward = style.round_step(frame.z1 - frame.z0, max(3, round(1.6 * frame.inches[1])))
-    for axis, step in ((ax.xaxis, across), (ax.yaxis, upward)):
+    for axis, span, per_in in ((ax.xaxis, frame.width, 1.4), (ax.yaxis, frame.height, 1.6)):
+        step = style.round_step(span, max(3, round(per_in * span / (72.0 * pt))))
         axis.set_major_locator(MultipleLocator(step))
         axis.set_major_formatter(style.thousands_formatter())
 
@@ -215,18 +197,19 @@ def _draw_panel(ax: Axes, panel: ProfilePanel, frame: _Frame) -> None:
 def profile_figure(panels: Sequence[ProfilePanel]) -> Figure:
     """Stack profiles at one scale on one page, such as a slope before and after measures."""
     # One A4 page holds all panels with their headings, gaps and the foot.
-    frame = _frame(panels, max((9.3 - 0.75) / len(panels) - 0.8, 1.4))
-    height = len(panels) * (frame.inches[1] + 0.5) + 0.3
+    frame, pt = _frame(panels, max((9.3 - 0.75) / len(panels) - 0.8, 1.4))
+    width, height = (side / (72.0 * pt) for side in (frame.width, frame.height))
+    height = len(panels) * (height + 0.5) + 0.3
     sheet = style.Sheet("", "", height)
     axes = sheet.figure.subplots(len(panels), 1, sharex=True, squeeze=False)[:, 0]
     grounds: dict[str, str] = {}
     for i, (ax, panel) in enumerate(zip(axes, panels, strict=True)):
-        _draw_panel(ax, panel, frame)
+        _draw_panel(ax, panel, frame, pt)
         letter = f"{'abcdefghij'[i % 10]}  " if len(panels) > 1 else ""
-        caption = style.wrap(panel.caption(), frame.inches[0])
+        caption = style.wrap(panel.caption(), width)
         pad = 5.0 + 9.0 * style.lines_in(caption)
         ax.set_title(
-            style.wrap(f"{letter}{panel.title}", frame.inches[0], style.TITLE),
+            style.wrap(f"{letter}{panel.title}", width, style.TITLE),
             size=style.TITLE,
             pad=pad,
         )

@@ -6,7 +6,6 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-import xarray as xr
 from matplotlib.axes import Axes
 from matplotlib.font_manager import FontProperties
 from matplotlib.offsetbox import AnchoredOffsetbox, AuxTransformBox, HPacker, TextArea, VPacker
@@ -115,6 +114,9 @@ def coarsen(values: FloatArray, factor: int, how: str) -> FloatArray:
     """Bring blocks of cells together by their "mean" or "max"; NaN only where all cells are."""
     if factor <= 1:
         return np.asarray(values, float)
+    # Takes its time, and most maps have all of their cells.
+    import xarray as xr
+
     blocks = xr.DataArray(np.asarray(values, float), dims=("y", "x"))
     coarser = blocks.coarsen(y=factor, x=factor, boundary="pad")
     return np.asarray(coarser.max() if how == "max" else coarser.mean())

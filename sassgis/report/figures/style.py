@@ -83,16 +83,18 @@ def house_style() -> Iterator[None]:
         yield
 
 
-def new_figure(width_in: float, height_in: float, *, compressed: bool = False) -> Figure:
+def new_figure(
+    width_in: float, height_in: float, *, constrained: bool = True, compressed: bool = False
+) -> Figure:
     """Make a figure that belongs to nobody but the caller (no pyplot)."""
-    layout: Any = "compressed" if compressed else "constrained"
+    layout: Any = "compressed" if compressed else "constrained" if constrained else None
     figure = Figure(figsize=(width_in, height_in), layout=layout)
     FigureCanvasAgg(figure)
     return figure
 
 
 class Sheet:
-    """A figure that lays itself out, so high (in) between its title and its legends and note."""
+    """A figure that lays itself out; its height (in) is that between title and legends."""
 
     def __init__(
         self, title: str, note: str, height_in: float, *, compressed: bool = False
@@ -102,7 +104,7 @@ class Sheet:
         self._foot_in = _LINE_IN * lines_in(below) + 0.12
         self.figure = new_figure(WIDTH_IN, height_in, compressed=compressed)
         if words:
-            self.figure.suptitle(words, x=0.015, ha="left", size=TITLE, weight="bold", gid="title")
+            head(self.figure, words)
         inches = self.figure.dpi_scale_trans
         self.figure.text(
             0.1, 0.07, below, transform=inches, size=SMALL, color=GREY, va="bottom", gid="note"
@@ -132,6 +134,12 @@ class Sheet:
         legend.set_in_layout(False)
         self._foot_in += 0.165 * (-(-len(signs) // columns) + bool(heading)) + 0.08
         self.set_height(self._height_in)
+
+
+def head(figure: Figure, title: str) -> None:
+    """Write the title of a figure that lays itself out."""
+    words = wrap(title, WIDTH_IN - 0.2, TITLE)
+    figure.suptitle(words, x=0.015, ha="left", size=TITLE, weight="bold", gid="title")
 
 
 def halo(width: float = 2.0) -> list[AbstractPathEffect]:

@@ -1,7 +1,6 @@
 """Open a project in the real QGIS and print as JSON what its print layouts hold.
 
-Run by the system's Python: ``/usr/bin/python3 layout_probe.py PROJECT.qgz [ALGORITHM.pdf]``. With
-a second argument the first layout is printed there by QGIS's own ``native:printlayouttopdf``.
+Run by the system's Python: ``/usr/bin/python3 layout_probe.py PROJECT.qgz``.
 """
 
 import json
@@ -10,22 +9,7 @@ import sys
 
 os.environ.setdefault("QT_QPA_PLATFORM", "offscreen")
 
-from qgis.analysis import QgsNativeAlgorithms
-from qgis.core import (
-    QgsApplication,
-    QgsLayoutItem,
-    QgsLayoutItemLabel,
-    QgsLayoutItemLegend,
-    QgsLayoutItemMap,
-    QgsLayoutItemPicture,
-    QgsLayoutItemScaleBar,
-    QgsLayoutPoint,
-    QgsLegendRenderer,
-    QgsProcessingContext,
-    QgsProcessingFeedback,
-    QgsProject,
-    QgsRenderContext,
-)
+from qgis import core
 from qgis.PyQt.QtCore import QRectF, Qt
 from qgis.PyQt.QtGui import QFont, QFontMetricsF, QImage, QPainter
 
@@ -64,42 +48,42 @@ def text_size(item, width_mm):
 def describe(item):
     rect = item.mapRectToScene(item.rect())
     facts = {"id": item.id(), "box": [rect.x(), rect.y(), rect.width(), rect.height()]}
-    if isinstance(item, QgsLayoutItemLabel):
+    if isinstance(item, core.QgsLayoutItemLabel):
         facts["text"] = item.currentText()
         facts["needs"] = text_size(item, rect.width())
-    elif isinstance(item, QgsLayoutItemMap):
+    elif isinstance(item, core.QgsLayoutItemMap):
         extent = item.extent()
         facts["scale"] = item.scale()
         facts["layers"] = [layer.id() for layer in item.layers()]
         facts["locked"] = item.keepLayerSet()
         corners = ("xMinimum", "yMinimum", "xMaximum", "yMaximum")
         facts["extent"] = [getattr(extent, corner)() for corner in corners]
-    elif isinstance(item, QgsLayoutItemLegend):
-        renderer = QgsLegendRenderer(item.model(), item.legendSettings())
+    elif isinstance(item, core.QgsLayoutItemLegend):
+        renderer = core.QgsLegendRenderer(item.model(), item.legendSettings())
         image = QImage(10, 10, QImage.Format_ARGB32)
         for set_dots in (image.setDotsPerMeterX, image.setDotsPerMeterY):
             set_dots(12000)
         painter = QPainter(image)
-        context = QgsRenderContext.fromQPainter(painter)
+        context = core.QgsRenderContext.fromQPainter(painter)
         size = renderer.minimumSize(context)
         facts["needs"] = [size.width(), size.height()]
         painter.end()
         del context, painter, renderer
         facts["entries"] = legend_texts(item)
-    elif isinstance(item, QgsLayoutItemScaleBar):
+    elif isinstance(item, core.QgsLayoutItemScaleBar):
         facts["units_per_segment"] = item.unitsPerSegment()
         facts["segments"] = item.numberOfSegments()
         facts["unit"] = item.unitLabel()
         facts["map"] = item.linkedMap().id() if item.linkedMap() else None
-    elif isinstance(item, QgsLayoutItemPicture):
+    elif isinstance(item, core.QgsLayoutItemPicture):
         facts["found"] = not item.isMissingImage()
     return facts
 
 
 def main():
-    application = QgsApplication([], False)
+    application = core.QgsApplication([], False)
     application.initQgis()
-    project = QgsProject.instance()
+    project = core.QgsProject.instance()
     project.read(sys.argv[1])
     report = {"layouts": {}, "themes": {}}
     themes = project.mapThemeCollection()
@@ -107,22 +91,13 @@ def main():
         report["themes"][name] = [layer.id() for layer in themes.mapThemeVisibleLayers(name)]
     for layout in project.layoutManager().printLayouts():
         page = layout.pageCollection().page(0)
-        items = [item for item in layout.items() if isinstance(item, QgsLayoutItem)]
+        items = [item for item in layout.items() if isinstance(item, core.QgsLayoutItem)]
         assert layout.pageCollection().pageCount() == 1
-        assert page.positionWithUnits() == QgsLayoutPoint(0, 0)
+        assert page.positionWithUnits() == core.QgsLayoutPoint(0, 0)
         report["layouts"][layout.name()] = {
             "page": [page.pageSize().width(), page.pageSize().height()],
             "items": [describe(item) for item in items if item.type() != page.type()],
         }
-    if len(sys.argv) > 2:
-        application.processingRegistry().addProvider(QgsNativeAlgorithms())
-        algorithm = application.processingRegistry().algorithmById("native:printlayouttopdf")
-        context = QgsProcessingContext()
-        context.setProject(project)
-        task = {"LAYOUT": next(iter(report["layouts"])), "OUTPUT": sys.argv[2]}
-        result, done = algorithm.run(task, context, QgsProcessingFeedback())
-        report["algorithm"] = [done, result.get("OUTPUT")]
-        del context, algorithm
     sys.stdout.write(json.dumps(report, ensure_ascii=False) + "\n")
     sys.stdout.flush()
     project.clear()

@@ -14,17 +14,7 @@ import sys
 
 os.environ.setdefault("QT_QPA_PLATFORM", "offscreen")
 
-from qgis.core import (
-    Qgis,
-    QgsApplication,
-    QgsLayerTreeGroup,
-    QgsMapRendererParallelJob,
-    QgsMapSettings,
-    QgsProject,
-    QgsRasterLayer,
-    QgsReferencedRectangle,
-    QgsVectorLayer,
-)
+from qgis import core
 from qgis.PyQt.QtCore import QSize
 from qgis.PyQt.QtGui import QColor
 
@@ -40,7 +30,7 @@ def describe_renderer(layer):
     if renderer is None:
         return {"type": None}
     facts = {"type": renderer.type()}
-    if isinstance(layer, QgsRasterLayer):
+    if isinstance(layer, core.QgsRasterLayer):
         if facts["type"] == "singlebandpseudocolor":
             shader = renderer.shader().rasterShaderFunction()
             items = shader.colorRampItemList()
@@ -82,7 +72,7 @@ def describe(layer):
         "abstract": layer.abstract(),
         "renderer": describe_renderer(layer),
     }
-    if isinstance(layer, QgsVectorLayer):
+    if isinstance(layer, core.QgsVectorLayer):
         facts["kind"] = "vector"
         facts["features"] = layer.featureCount()
         fields = enumerate(layer.fields())
@@ -98,7 +88,7 @@ def describe(layer):
 def describe_tree(node):
     out = []
     for child in node.children():
-        if isinstance(child, QgsLayerTreeGroup):
+        if isinstance(child, core.QgsLayerTreeGroup):
             facts = {"group": child.name(), "exclusive": child.isMutuallyExclusive()}
             out.append({**facts, "layers": describe_tree(child)})
         else:
@@ -108,7 +98,7 @@ def describe_tree(node):
 
 def render(project, only):
     canvas = project.viewSettings().defaultViewExtent()
-    settings = QgsMapSettings()
+    settings = core.QgsMapSettings()
     settings.setDestinationCrs(project.crs())
     settings.setBackgroundColor(QColor(255, 255, 255))
     order = project.layerTreeRoot().layerOrder()
@@ -117,11 +107,11 @@ def render(project, only):
     settings.setLayers(
         [one for one in order if (one.name() in only if only else one.id() in visible)]
     )
-    extent = QgsReferencedRectangle(canvas, canvas.crs())
+    extent = core.QgsReferencedRectangle(canvas, canvas.crs())
     height = max(1, round(WIDTH * extent.height() / extent.width()))
     settings.setOutputSize(QSize(WIDTH, height))
     settings.setExtent(extent)
-    job = QgsMapRendererParallelJob(settings)
+    job = core.QgsMapRendererParallelJob(settings)
     job.start()
     job.waitForFinished()
     errors = [error.message for error in job.errors()]
@@ -137,15 +127,15 @@ def main():
     parser.add_argument("--only", action="append", default=[])
     given = parser.parse_args()
 
-    QgsApplication.setPrefixPath("/usr", True)
-    application = QgsApplication([], False)
+    core.QgsApplication.setPrefixPath("/usr", True)
+    application = core.QgsApplication([], False)
     application.initQgis()
-    project = QgsProject.instance()
+    project = core.QgsProject.instance()
     opened = project.read(given.project)
     layers = list(project.mapLayers().values())
     view = project.viewSettings().defaultViewExtent()
     report = {
-        "qgis": Qgis.QGIS_VERSION,
+        "qgis": core.Qgis.QGIS_VERSION,
         "opened": opened,
         "error": project.error(),
         "title": project.title(),
@@ -167,8 +157,9 @@ def main():
             report["at"][place] = image.pixelColor(int(pixel.x()), int(pixel.y())).name()
     alone = []
     for source in given.alone:
-        vector = ".gpkg" in source
-        layer = QgsVectorLayer(source, "", "ogr") if vector else QgsRasterLayer(source, "", "gdal")
+        kinds = {True: (core.QgsVectorLayer, "ogr"), False: (core.QgsRasterLayer, "gdal")}
+        kind, provider = kinds[".gpkg" in source]
+        layer = kind(source, "", provider)
         alone.append(describe(layer))
         del layer
     report["alone"] = alone

@@ -10,7 +10,7 @@ import sys
 os.environ.setdefault("QT_QPA_PLATFORM", "offscreen")
 
 from osgeo import ogr
-from qgis.core import QgsApplication, QgsFeature, QgsGeometry, QgsProject, QgsVectorLayer
+from qgis import core
 
 
 def form(layer):
@@ -25,8 +25,8 @@ def form(layer):
 
 
 def draw(layer, wanted):
-    feature = QgsFeature(layer.fields())
-    feature.setGeometry(QgsGeometry.fromWkt(wanted["wkt"]))
+    feature = core.QgsFeature(layer.fields())
+    feature.setGeometry(core.QgsGeometry.fromWkt(wanted["wkt"]))
     for name, value in wanted["attributes"].items():
         feature.setAttribute(name, value)
     assert layer.startEditing()
@@ -37,17 +37,17 @@ def draw(layer, wanted):
 
 def main():
     path, features = sys.argv[1:]
-    QgsApplication.setPrefixPath("/usr", True)
-    application = QgsApplication([], False)
+    core.QgsApplication.setPrefixPath("/usr", True)
+    application = core.QgsApplication([], False)
     application.initQgis()
-    project = QgsProject.instance()
+    project = core.QgsProject.instance()
     report = {"opened": project.read(path), "crs": project.crs().authid(), "layers": {}}
     with open(features, encoding="utf-8") as file:
         wanted = json.load(file)
     for layer in project.mapLayers().values():
         name = layer.source().partition("layername=")[2] or layer.name()
         facts = {"valid": layer.isValid(), "crs": layer.crs().authid()}
-        if isinstance(layer, QgsVectorLayer):
+        if isinstance(layer, core.QgsVectorLayer):
             facts["form"] = form(layer)
             if name in wanted:
                 facts |= draw(layer, wanted[name])

@@ -107,8 +107,7 @@ def project(qgis: None, tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="module")
 def seen(project: Path) -> dict[str, Any]:
-    pdf = project.with_name("by_algorithm.pdf")
-    report: dict[str, Any] = json.loads(in_qgis(PROBE, project, pdf, home=project.parent))
+    report: dict[str, Any] = json.loads(in_qgis(PROBE, project, home=project.parent))
     for sheet in report["layouts"].values():
         sheet["item"] = {item["id"]: item for item in sheet["items"]}
     return report
@@ -214,15 +213,11 @@ def test_the_printed_map_has_the_levels_where_they_are(
 
 
 @pytest.mark.qgis
-def test_all_sheets_are_printed_to_pdf_as_text(
-    project: Path, seen: dict[str, Any], tmp_path: Path
-) -> None:
+def test_all_sheets_are_printed_to_pdf_as_text(project: Path, tmp_path: Path) -> None:
     in_qgis(PRINTER, project, tmp_path, "--dpi", "96", home=tmp_path)
     files = sorted(tmp_path.glob("*.pdf"))
     assert [file.name for file in files] == ["Hazard level.pdf", "Intensity _ cells.pdf"]
     assert all(file.read_bytes().startswith(b"%PDF") for file in files)
-    done, target = seen["algorithm"]
-    assert done and Path(target).stat().st_size > 20_000
     reader = shutil.which("pdftotext")
     if reader is None:
         pytest.skip("pdftotext (poppler-utils) is not there to read the words of a PDF")

@@ -19,16 +19,7 @@ from shapely.geometry import LineString, Polygon, box
 
 from sassgis.errors import InputError
 from sassgis.outputs.geopackage import write_geopackage
-from sassgis.outputs.swiss.federal_model import (
-    CODES,
-    FEDERAL_CLASSES,
-    federal_note,
-    in_federal_extent,
-    is_lv95,
-    shortened,
-    surface_parts,
-    unique_short_names,
-)
+from sassgis.outputs.swiss import federal_model
 from sassgis.settings.hazard_rules import HazardLevel, Provenance
 
 LV95: dict[str, Any] = {"crs": "EPSG:2056", "federal": True, "canton": "TI"}
@@ -67,7 +58,7 @@ COLUMNS = {
 
 def test_columns_are_those_of_the_model() -> None:
     layers = {layer.name: layer for layer in made.some_layers()}
-    assert list(layers) == list(FEDERAL_CLASSES)
+    assert list(layers) == list(federal_model.FEDERAL_CLASSES)
     for name, columns in COLUMNS.items():
         assert layers[name].columns == ["fid", *columns]
     assert all(set(layer.fields) == set(layer.columns) - {"fid"} for layer in layers.values())
@@ -123,14 +114,14 @@ def test_neighbours_stay_without_gaps_and_overlaps_on_the_millimetre_grid() -> N
 
 def test_what_vanishes_on_the_grid_is_left_out_and_what_folds_is_mended() -> None:
     sliver = box(made.E, made.N, made.E + 50, made.N + 0.0003)
-    assert surface_parts(sliver, where="a") == []
+    assert federal_model.surface_parts(sliver, where="a") == []
     # Its neck is narrower than the grid: rounding would make it touch itself.
     neck = made.at(
         (0, 0), (10, 0), (10, 10), (5.0002, 10), (5.0002, 5), (4.9998, 5), (4.9998, 10), (0, 10)
     )
-    parts = surface_parts(neck, where="a")
+    parts = federal_model.surface_parts(neck, where="a")
     assert parts and all(part.is_valid for part in parts)
-    (part,) = surface_parts(shapely.force_3d(ZONE, 700.0), where="a")
+    (part,) = federal_model.surface_parts(shapely.force_3d(ZONE, 700.0), where="a")
     assert not part.has_z
     assert sum(part.area for part in parts) == pytest.approx(neck.area, abs=0.02)
 
@@ -205,14 +196,14 @@ def test_values_that_the_model_has() -> None:
         assert intensity(years).frame["return_period_in_years"].tolist() == [years]
     for years in (None, float("nan"), 301):
         assert intensity(years, extreme=True).frame["extreme_scenario"].tolist() == [True]
-    for code in CODES["hazard_level"]:
+    for code in federal_model.CODES["hazard_level"]:
         assert levels([ZONE], [code]).frame["hazard_level"].tolist() == [code]
-    for code in CODES["intensity_class"]:
+    for code in federal_model.CODES["intensity_class"]:
         assert intensity(301, code=code).frame["intensity_class"].tolist() == [code]
     assert of_source().frame["subscenario_probability"].tolist() == [1.0]
     term = "x" * 50
     assert intensity(30, process_cantonal_term=term).frame.loc[0, "process_cantonal_term"] == term
-    assert len(CODES["canton"]) == len(set(CODES["canton"])) == 27
+    assert len(federal_model.CODES["canton"]) == len(set(federal_model.CODES["canton"])) == 27
 
 
 def test_federal_layers_need_federal_coordinates() -> None:
@@ -228,7 +219,9 @@ def test_abroad_the_layers_are_the_same_but_claim_nothing() -> None:
     assert layer.columns == ["fid", *COLUMNS["hazard_area"]]
     assert "166.1" not in layer.description and layer.frame.crs.to_epsg() == 32632
     assert all("166.1" not in info.description for info in layer.fields.values())
-    assert "166.1" not in federal_note(False) and "166.1" in federal_note(True)
+    assert "166.1" not in federal_model.federal_note(
+        False
+    ) and "166.1" in federal_model.federal_note(True)
     # What holds everywhere still holds.
     with pytest.raises(InputError, match="unless the scenario is extreme"):
         made.layer("synoptic_intensity", [made.intensity_row(zone, None)], **abroad)
@@ -236,23 +229,29 @@ def test_abroad_the_layers_are_the_same_but_claim_nothing() -> None:
 
 def test_where_the_model_holds() -> None:
     lv95 = pyproj.CRS.from_epsg(2056)
-    assert in_federal_extent(lv95, INSIDE)
-    assert in_federal_extent(lv95.to_wkt("WKT1_ESRI"), INSIDE)
-    assert in_federal_extent("EPSG:2056+5728", INSIDE)
-    assert not in_federal_extent("EPSG:21781", INSIDE)
-    assert not in_federal_extent("EPSG:21781", (600_000.0, 100_000.0, 601_000.0, 101_000.0))
-    assert not in_federal_extent("", INSIDE) and not in_federal_extent(None, INSIDE)
-    assert in_federal_extent(lv95, (2_460_000.0, 1_045_000.0, 2_870_000.0, 1_310_000.0))
-    assert not in_federal_extent(lv95, (2_459_999.0, *INSIDE[1:]))
-    assert not in_federal_extent(lv95, (*INSIDE[:3], 1_310_001.0))
-    assert not in_federal_extent(lv95, (np.nan,) * 4)
-    assert not is_lv95("EPSG:4326")
+    assert federal_model.in_federal_extent(lv95, INSIDE)
+    assert federal_model.in_federal_extent(lv95.to_wkt("WKT1_ESRI"), INSIDE)
+    assert federal_model.in_federal_extent("EPSG:2056+5728", INSIDE)
+    assert not federal_model.in_federal_extent("EPSG:21781", INSIDE)
+    assert not federal_model.in_federal_extent(
+        "EPSG:21781", (600_000.0, 100_000.0, 601_000.0, 101_000.0)
+    )
+    assert not federal_model.in_federal_extent("", INSIDE) and not federal_model.in_federal_extent(
+        None, INSIDE
+    )
+    assert federal_model.in_federal_extent(
+        lv95, (2_460_000.0, 1_045_000.0, 2_870_000.0, 1_310_000.0)
+    )
+    assert not federal_model.in_federal_extent(lv95, (2_459_999.0, *INSIDE[1:]))
+    assert not federal_model.in_federal_extent(lv95, (*INSIDE[:3], 1_310_001.0))
+    assert not federal_model.in_federal_extent(lv95, (np.nan,) * 4)
+    assert not federal_model.is_lv95("EPSG:4326")
 
 
 @given(st.lists(st.text(alphabet="ab~2 ", min_size=1, max_size=14), max_size=12))
 def test_short_names_differ(names: list[str]) -> None:
     names = [name for name in names if name.strip()]
-    short = unique_short_names(names, longest=6)
+    short = federal_model.unique_short_names(names, longest=6)
     plain = {" ".join(name.split()) for name in names}
     assert list(short) == list(dict.fromkeys(names))
     assert len(set(short.values())) == len(short)
@@ -262,13 +261,13 @@ def test_short_names_differ(names: list[str]) -> None:
 
 
 def test_long_texts_are_cut() -> None:
-    short = unique_short_names(["x" * 60 + e for e in "ab"])
+    short = federal_model.unique_short_names(["x" * 60 + e for e in "ab"])
     assert list(short.values()) == ["x" * 50, "x" * 48 + "~2"]
     with pytest.raises(InputError, match="no name"):
-        unique_short_names([" "])
-    assert shortened("a  b\nc", 5) == "a b c"
-    assert shortened("one two three", 10) == "one two…"
-    assert len(shortened("x" * 500)) == 400
+        federal_model.unique_short_names([" "])
+    assert federal_model.shortened("a  b\nc", 5) == "a b c"
+    assert federal_model.shortened("one two three", 10) == "one two…"
+    assert len(federal_model.shortened("x" * 500)) == 400
 
 
 def test_legend_has_the_colours_of_the_levels_and_a_hatch_for_residual() -> None:

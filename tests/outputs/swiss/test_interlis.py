@@ -173,7 +173,7 @@ def test_a_validator_that_is_missing_or_breaks_down(
         ("import time; time.sleep(60)", "did not end within"),
     ):
         monkeypatch.setattr("sassgis.outputs.swiss.validation._RUNNER", body)
-        waited = 3.0 if "sleep" in body else 60.0
+        waited = 1.0 if "sleep" in body else 60.0
         monkeypatch.setattr("sassgis.outputs.swiss.validation._TIMEOUT_S", waited)
         with pytest.raises(OutputError, match=words):
             validate_xtf(xtf, tmp_path)

@@ -4,11 +4,7 @@ import numpy as np
 import pytest
 from helpers.figure_parts import find, texts
 
-from sassgis.report.figures import (
-    energy_profile_figure,
-    runout_figure,
-    station_figure,
-)
+from sassgis.report import figures
 from sassgis.settings.results import ControlLine, Histogram, StopReason
 
 
@@ -25,7 +21,7 @@ COMPUTED = (
 
 
 def test_station_panels_hold_the_counts() -> None:
-    figure = station_figure("Camera 2", *COMPUTED, n=20)
+    figure = figures.station_figure("Camera 2", *COMPUTED, n=20)
     drawn = find(figure, "computed")
     assert [d.get_data().values.tolist() for d in drawn] == [h.counts.tolist() for h in COMPUTED]
     words = texts(figure)
@@ -39,7 +35,7 @@ def test_station_panels_hold_the_counts() -> None:
 
 def test_station_that_no_rock_passes() -> None:
     none = tuple(Histogram(h.edges, h.counts * 0, h.unit) for h in COMPUTED)
-    words = texts(station_figure("x", *none, n=50))
+    words = texts(figures.station_figure("x", *none, n=50))
     assert words.count("no block here") == 4 and "0 of 50" in words
 
 
@@ -54,7 +50,7 @@ def counted(values: list[float], reasons: list[int]) -> dict[StopReason, np.ndar
 
 
 def test_runout_bars_by_reason_and_exceedance() -> None:
-    figure = runout_figure(EDGES, counted([10.0, 20.0, 20.0, 50.0, 99.0], [4, 0, 1, 0, 2]))
+    figure = figures.runout_figure(EDGES, counted([10.0, 20.0, 20.0, 50.0, 99.0], [4, 0, 1, 0, 2]))
     x, share = find(figure, "exceedance")[0].get_data()
     # Share of rocks that get at least to 20 m: 4 of 5; beyond that metre: 2 of 5.
     np.testing.assert_allclose(share[[0, 20, 21, 100]], [100.0, 80.0, 40.0, 0.0], atol=1e-9)
@@ -74,7 +70,7 @@ def test_runout_bars_by_reason_and_exceedance() -> None:
 
 @pytest.mark.parametrize("values", [[5.0], [5.0, 5.0]])
 def test_runout_of_few_rocks(values: list[float]) -> None:
-    words = texts(runout_figure(EDGES, counted(values, [0] * len(values))))
+    words = texts(figures.runout_figure(EDGES, counted(values, [0] * len(values))))
     assert f"at rest: {len(values)}" in words and "still moving" not in words
 
 
@@ -85,7 +81,7 @@ QUANTILES = {0.95: np.linspace(500.0, 50.0, 10), 0.5: np.linspace(50.0, 5.0, 10)
 
 def test_energy_has_a_log_axis_and_named_curves() -> None:
     control_lines = [(ControlLine("road", "station"), 80.0)]
-    figure = energy_profile_figure(BINS, QUANTILES, S, Z, control_lines=control_lines)
+    figure = figures.energy_profile_figure(BINS, QUANTILES, S, Z, control_lines=control_lines)
     upper, lower = figure.axes
     assert upper.get_yscale() == "log"
     np.testing.assert_allclose(find(figure, "q0.95")[0].get_data().values, QUANTILES[0.95])
@@ -101,7 +97,7 @@ def test_energy_has_a_log_axis_and_named_curves() -> None:
     [("speed", "(m/s)", "Speed"), ("height", "height (m)", "Passing height")],
 )
 def test_other_quantities_have_a_plain_axis(quantity, label, name) -> None:
-    figure = energy_profile_figure(BINS, QUANTILES, S, Z, quantity=quantity)
+    figure = figures.energy_profile_figure(BINS, QUANTILES, S, Z, quantity=quantity)
     assert figure.axes[0].get_yscale() == "linear"
     assert figure.axes[0].get_ylim()[0] == 0.0
     words = texts(figure)
@@ -110,8 +106,8 @@ def test_other_quantities_have_a_plain_axis(quantity, label, name) -> None:
 
 def test_energy_gaps_and_emptiness() -> None:
     part = {0.5: np.where(np.arange(10) < 5, 8.0, np.nan), 0.9: np.full(10, np.nan)}
-    assert "median" in texts(energy_profile_figure(BINS, part, S, Z))
+    assert "median" in texts(figures.energy_profile_figure(BINS, part, S, Z))
     zero = {0.5: np.array([0.0, *np.full(9, 3.0)])}
-    drawn = find(energy_profile_figure(BINS, zero, S, Z), "q0.5")[0].get_data().values
+    drawn = find(figures.energy_profile_figure(BINS, zero, S, Z), "q0.5")[0].get_data().values
     assert np.isnan(drawn[0]) and drawn[1] == 3.0
-    assert "no block passes" in texts(energy_profile_figure(BINS, {}, S, Z))
+    assert "no block passes" in texts(figures.energy_profile_figure(BINS, {}, S, Z))

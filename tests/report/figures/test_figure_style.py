@@ -11,20 +11,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from sassgis.errors import OutputError
-from sassgis.report.figures import save, to_png
+from sassgis.report.figures import save, style, to_png
 from sassgis.report.figures.distributions import runout_figure
 from sassgis.report.figures.hazard_figures import blocks_figure
-from sassgis.report.figures.style import (
-    INK,
-    house_style,
-    ink_on,
-    log_ticks,
-    new_figure,
-    plain_tick,
-    round_step,
-    spread,
-    wrap,
-)
 from sassgis.settings.results import StopReason
 
 positions = st.lists(st.floats(-1e3, 1e3), min_size=0, max_size=12)
@@ -32,32 +21,32 @@ positions = st.lists(st.floats(-1e3, 1e3), min_size=0, max_size=12)
 
 @given(positions, st.floats(0.1, 50.0))
 def test_spread_labels_keep_order_and_distance(wanted: list[float], gap: float) -> None:
-    placed = spread(wanted, gap)
+    placed = style.spread(wanted, gap)
     order = np.argsort(wanted, kind="stable")
     assert np.all(np.diff(placed[order]) >= gap - 1e-6)
     assert np.sum(placed) == pytest.approx(np.sum(wanted), abs=1e-6)
 
 
 def test_spread_gives_labels_the_room_that_they_need() -> None:
-    assert spread([10.0, 0.0, 5.0], 4.9).tolist() == [10.0, 0.0, 5.0]
-    assert np.diff(spread([0.0, 0.0], np.array([2.0, 8.0]))) == pytest.approx([5.0])
+    assert style.spread([10.0, 0.0, 5.0], 4.9).tolist() == [10.0, 0.0, 5.0]
+    assert np.diff(style.spread([0.0, 0.0], np.array([2.0, 8.0]))) == pytest.approx([5.0])
 
 
 @pytest.mark.parametrize(
     ("span", "parts", "step"), [(100.0, 5, 20.0), (1.0, 4, 0.2), (730.0, 8, 100.0), (0.0, 5, 1.0)]
 )
 def test_round_steps(span: float, parts: int, step: float) -> None:
-    assert round_step(span, parts) == pytest.approx(step)
+    assert style.round_step(span, parts) == pytest.approx(step)
 
 
 def test_texts_can_be_read_on_their_ground() -> None:
-    assert [ink_on(c) for c in ("#8b0000", "#ffe34d")] == ["white", INK]
-    assert ink_on("#8b0000", 0.3) == INK
+    assert [style.ink_on(c) for c in ("#8b0000", "#ffe34d")] == ["white", style.INK]
+    assert style.ink_on("#8b0000", 0.3) == style.INK
 
 
 def test_wrap_keeps_all_words_and_the_given_lines() -> None:
     text = "a long line of words that cannot stand in one line\nsecond"
-    wrapped = wrap(text, 1.5)
+    wrapped = style.wrap(text, 1.5)
     assert wrapped.split() == text.split()
     assert wrapped.splitlines()[-1] == "second"
     assert len(wrapped.splitlines()) > 2
@@ -73,23 +62,23 @@ def test_the_users_settings_do_not_change_a_figure() -> None:
 
 
 def test_a_name_is_no_mathematics() -> None:
-    with house_style():
-        figure = new_figure(2.0, 2.0)
+    with style.house_style():
+        figure = style.new_figure(2.0, 2.0)
         figure.subplots().set_title(r"$\frac{$")
     assert r"$\frac{$" in texts(figure)
     to_png(figure)
 
 
 def test_powers_of_ten_are_ticks_without_mathematics() -> None:
-    assert [plain_tick(v) for v in (20_000.0, 0.05, 0.002, 1e-4)] == [
+    assert [style.plain_tick(v) for v in (20_000.0, 0.05, 0.002, 1e-4)] == [
         "20\u202f000", "0.05", "0.002", "10⁻⁴",
     ]  # fmt: skip
     shown = texts(blocks_figure([(10_000, 0.2), (20_000, 0.1), (40_000, 0.01)], 0.05))
     assert "20 000" in shown
-    with house_style():
-        ax = new_figure(2.0, 2.0).subplots()
+    with style.house_style():
+        ax = style.new_figure(2.0, 2.0).subplots()
         ax.set(xscale="log", xlim=(1.0, 9.0))
-        log_ticks(ax.xaxis, np.log10(9.0))
+        style.log_ticks(ax.xaxis, np.log10(9.0))
         shown = texts(ax.figure)
     assert "| 5 |" in shown
 

@@ -12,17 +12,8 @@ from sassgis.grid import Grid
 from sassgis.hazard.curves import rate_interval
 from sassgis.hazard.zone_styles import LEVEL_CHANGES
 from sassgis.inputs.presets import read_preset
-from sassgis.report.figures import (
-    MapMarks,
-    change_figure,
-    confidence_figure,
-    hazard_curve_figure,
-    intensity_figure,
-    map_figure,
-    risk_figure,
-)
+from sassgis.report import figures
 from sassgis.report.figures.hazard_figures import MAX_SOURCES, amount, leading_sources
-from sassgis.report.figures.hazard_map_figures import level_changes
 from sassgis.settings.hazard_rules import HazardCurves
 from sassgis.settings.languages import in_language
 from sassgis.settings.results import Band, RasterClass, RasterLayer
@@ -58,7 +49,7 @@ def classes_on(ax) -> np.ndarray:
 
 
 def test_a_map_of_classes_has_their_colours_and_names(valley: Grid) -> None:
-    figure = map_figure(valley, level_of(valley))
+    figure = figures.map_figure(valley, level_of(valley))
     (image,) = find(figure, "layer")
     values = classes_on(axes_of(figure, "map")[0])
     assert [np.count_nonzero(values == k) for k in (0, 1, 2)] == [60, 64, 36]
@@ -69,13 +60,13 @@ def test_a_map_of_classes_has_their_colours_and_names(valley: Grid) -> None:
     words = texts(figure)
     assert "Hazard level" in words and "By the matrix." in words
     assert "class |" not in words
-    assert "Short." in texts(map_figure(valley, level_of(valley), note="Short."))
+    assert "Short." in texts(figures.map_figure(valley, level_of(valley), note="Short."))
 
 
 def test_translated_names_of_classes_have_room(valley: Grid) -> None:
     layer = replace(level_of(valley), classes=(replace(LEVELS[0], label="residual"),))
     with in_language("de"):
-        figure = map_figure(valley, layer)
+        figure = figures.map_figure(valley, layer)
         figure.canvas.draw()
     (name,) = axes_of(figure, "map")[0].get_legend().get_texts()
     assert name.get_text() == "Restgefährdung"
@@ -83,7 +74,7 @@ def test_translated_names_of_classes_have_room(valley: Grid) -> None:
 
 
 def test_stripes_lie_on_the_hatched_cells_alone(valley: Grid) -> None:
-    figure = map_figure(valley, level_of(valley))
+    figure = figures.map_figure(valley, level_of(valley))
     (stripes,) = find(figure, "stripes")
     assert stripes.get_hatch() and to_hex(stripes.get_edgecolor()) == "#ffe34d"
     # All cells of the class, and no others.
@@ -97,8 +88,8 @@ def test_stripes_lie_on_the_hatched_cells_alone(valley: Grid) -> None:
 def test_zones_are_drawn_in_place_of_cells(valley: Grid) -> None:
     ring = np.array([[100.0, -50.0], [150.0, -50.0], [150.0, -90.0]])
     ring += [valley.west, valley.north]
-    marks = MapMarks(zones=[(shapely.Polygon(ring), LEVELS[0])])
-    (zone,) = find(map_figure(valley, level_of(valley), marks), "zone")
+    marks = figures.MapMarks(zones=[(shapely.Polygon(ring), LEVELS[0])])
+    (zone,) = find(figures.map_figure(valley, level_of(valley), marks), "zone")
     np.testing.assert_allclose(sorted(zone.get_path().vertices[:3].tolist()), sorted(ring.tolist()))
 
 
@@ -110,7 +101,9 @@ def test_intensities_side_by_side(valley: Grid) -> None:
     )
     ring = np.array([[80.0, -10.0], [110.0, -10.0], [110.0, -30.0]])
     ring += [valley.west, valley.north]
-    figure = intensity_figure(valley, [first, second], MapMarks([ring]), "Width 5 m.")
+    figure = figures.intensity_figure(
+        valley, [first, second], figures.MapMarks([ring]), "Width 5 m."
+    )
     one, two = axes_of(figure, "map")
     assert (one.get_xlim(), one.get_ylim()) == (two.get_xlim(), two.get_ylim())
     assert np.nanmax(classes_on(one)) == 2.0 and np.nanmin(classes_on(one)) == 0.0
@@ -124,7 +117,7 @@ def test_intensities_side_by_side(valley: Grid) -> None:
 
 
 def test_the_scale_bar_has_the_scale_of_the_maps(valley: Grid) -> None:
-    figure = intensity_figure(valley, [level_of(valley)] * 2, MapMarks())
+    figure = figures.intensity_figure(valley, [level_of(valley)] * 2, figures.MapMarks())
     figure.canvas.draw()
     (label,) = find(figure, "scale")
     metres = float(label.get_text().split()[0])
@@ -138,7 +131,7 @@ def test_uncertain_cells_have_lines_over_them(valley: Grid) -> None:
     open_ = np.zeros(valley.shape, bool)
     open_[10:14, 22:26] = True
     open_[30:, :] = True  # No block arrives here.
-    figure = confidence_figure(valley, level_of(valley), open_, MapMarks())
+    figure = figures.confidence_figure(valley, level_of(valley), open_, figures.MapMarks())
     (lines,) = find(figure, "uncertain")
     # They fall to the right, where the stripes of classes rise.
     (stripes,) = find(figure, "stripes")
@@ -149,12 +142,6 @@ def test_uncertain_cells_have_lines_over_them(valley: Grid) -> None:
     assert "statistically uncertain" in classes_in(figure)
 
 
-def test_changes_of_level() -> None:
-    before = np.array([np.nan, np.nan, 1.0, 2.0, 0.0, 0.0])
-    after = np.array([np.nan, 0.0, 1.0, 1.0, np.nan, 2.0])
-    np.testing.assert_array_equal(level_changes(before, after), [np.nan, 1, 0, -1, -1, 1])
-
-
 def test_before_after_and_what_changed(valley: Grid) -> None:
     before = level_of(valley)
     values = before.bands[0].values.copy()
@@ -162,7 +149,9 @@ def test_before_after_and_what_changed(valley: Grid) -> None:
     values[8:10, 20:30] = np.nan
     values[30, 30] = 1.0
     after = replace(before, bands=(replace(before.bands[0], values=values),))
-    figure = change_figure(valley, before, after, MapMarks(), names=("before", "after"))
+    figure = figures.change_figure(
+        valley, before, after, figures.MapMarks(), names=("before", "after")
+    )
     titles = [ax.get_title(loc="left") for ax in axes_of(figure, "map")]
     assert titles == ["before", "after", "Change"]
     change = classes_on(axes_of(figure, "map")[2])
@@ -191,7 +180,7 @@ CURVE = curves([0.05, 0.03, 0.02, 0.008, 0.001, 0.0])
 
 def test_the_curve_is_drawn_with_band_sources_and_fields() -> None:
     sources = {"A / small": CURVE.rate[1] * 0.75, "A / large": CURVE.rate[1] * 0.25}
-    figure = hazard_curve_figure(CURVE, 1, PRESET, by_source=sources, note="Width 5 m.")
+    figure = figures.hazard_curve_figure(CURVE, 1, PRESET, by_source=sources, note="Width 5 m.")
     (total,) = find(figure, "total")
     x, y = total.get_xdata(), total.get_ydata()
     np.testing.assert_allclose(y[:5], CURVE.rate[1, :5])
@@ -218,7 +207,7 @@ def test_the_curve_is_drawn_with_band_sources_and_fields() -> None:
 
 
 def test_the_fields_are_those_of_the_matrix() -> None:
-    figure = hazard_curve_figure(CURVE, 1, PRESET)
+    figure = figures.hazard_curve_figure(CURVE, 1, PRESET)
     (ax,) = axes_of(figure, "curve")
 
     def level_at(energy: float, years: float) -> str:
@@ -250,7 +239,7 @@ def test_the_note_tells_the_level_and_what_decides_it() -> None:
         (CURVE, 0, "No block arrives here."),
         (unknown, 1, "does not give the error"),
     ):
-        assert words in texts(hazard_curve_figure(known, row, PRESET))
+        assert words in texts(figures.hazard_curve_figure(known, row, PRESET))
 
 
 def test_many_sources_are_brought_together() -> None:
@@ -267,7 +256,7 @@ def test_the_largest_risks_stand_on_top() -> None:
     risk = np.array([2e-5, 5e-5, 1e-5, 0.0, 3e-5])
     low = np.array([1.8e-5, 0.5e-5, 1e-6, 0.0, np.nan])
     high = np.array([2.3e-5, 13e-5, 2e-6, 0.0, np.nan])
-    figure = risk_figure(names, risk, (low, high), quantity="deaths", unit="1/year", top=3)
+    figure = figures.risk_figure(names, risk, (low, high), quantity="deaths", unit="1/year", top=3)
     (ax,) = axes_of(figure, "risk")
     assert [t.get_text() for t in ax.get_yticklabels()] == ["b", "d", "a"]
     low, high = ax.get_ylim()

@@ -81,12 +81,9 @@ def test_comparison_shares_scale_and_limits() -> None:
     assert [len(c.get_segments()) for c in find(figure, "trajectories")] == [2, 1]
     words = texts(figure)
     assert "a without measures" in words and "b with measures" in words
-
-
-@pytest.mark.parametrize("n", [1, 2, 3, 4])
-def test_comparison_fits_on_a_page(n: int) -> None:
-    figure = profile_figure([ProfilePanel(S, Z, title="t")] * n)
-    assert figure.get_size_inches()[1] <= 9.7
+    for n in (1, 2, 4):
+        figure = profile_figure([ProfilePanel(S, Z, title="t")] * n)
+        assert figure.get_size_inches()[1] <= 9.7
 
 
 def test_runs_of_equal_ground() -> None:
