@@ -100,12 +100,12 @@ def validate_observations(observations: Path, config: Path | None) -> None:
         # Whole, as a diagnosis reads it.
         run = read_map_run(load_config(config))
         compared = run.grid, *drop_and_density(run.blocks)
-    # All is told below, once.
-    with collected_notices(quietly=[]):
+    with collected_notices(quietly=[]) as noticed:
         read = read_observations(observations, *compared)
     findings = check(read, *compared)
-    for finding in findings:
-        click.echo(str(finding))
+    of_findings = {str(finding).partition(": ")[2] for finding in findings}
+    for line in (*(text for text in noticed if text not in of_findings), *map(str, findings)):
+        click.echo(line)
     found = what_is_identifiable(read)
     unknown = f"{found.unattributed} passages and deposits without a known rock"
     click.echo(f"{found.rocks} rocks, {unknown}")

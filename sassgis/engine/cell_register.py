@@ -28,7 +28,7 @@ class CellRegister(NamedTuple):
     windows: IntArray  # flat indices of their middle cells
     row_step: IntArray  # cells of a window, as steps from its middle
     col_step: IntArray
-    object_cell: IntArray  # as model.map_run.ObjectCells
+    object_cell: IntArray  # as settings.map_run.ObjectCells
     object_number: IntArray
     disks: Disks  # of the windows
     on_objects: Objects

@@ -7,6 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from sassgis.errors import InputError
+
 #: A low and a high limit.
 Range = tuple[float, float]
 
@@ -27,9 +29,7 @@ LIMITS_DTYPE = np.dtype(
 
 @dataclass(frozen=True, slots=True)
 class BlockPopulation:
-    """Limits between which each block is drawn, all uniform and independent; BlockSettings checks
-    them.
-    """
+    """Limits between which each block is drawn, all uniform and independent."""
 
     name: str = "block"  # name of the block scenario
     # Limits of the three *semi*-axes (m). After the draw they are sorted a >= b >= c.
@@ -50,6 +50,34 @@ class BlockPopulation:
     # The b of the power law N(V > v) ~ v^-b from which volumes are drawn between their limits;
     # without it all volumes between them are equally likely.
     volume_exponent: float | None = None
+
+    def __post_init__(self) -> None:
+        positive = ["axis_1_m", "axis_2_m", "axis_3_m", "density_kgm3"]
+        if self.volume_m3 is not None:
+            positive.append("volume_m3")
+        for field in (*positive, "speed_mps", "spin_radps", "drop_m", "orientation_rad"):
+            low, high = getattr(self, field)
+            found = f"[{low:g}, {high:g}]"
+            if not (np.isfinite(low) and np.isfinite(high)):
+                raise self._refused("limits must be numbers", field, (low, high))
+            if low > high:
+                raise self._refused("limits are reversed", field, found, "[low, high]")
+            if field in positive and low <= 0.0:
+                expected = "two positive numbers, low first"
+                raise self._refused("must be above zero", field, found, expected)
+        for field in ("drop_m", "speed_mps"):
+            if getattr(self, field)[0] < 0.0:
+                problem = "drop and speed cannot be negative"
+                raise self._refused(problem, field, None, "zero or more")
+        if self.volume_exponent is not None and self.volume_m3 is None:
+            problem, field = "has no volumes to go with", "volume_exponent"
+            raise self._refused(problem, field, self.volume_exponent, "volume_m3 as well")
+
+    def _refused(
+        self, problem: str, field: str, found: object, expected: str | None = None
+    ) -> InputError:
+        problem = f"blocks {self.name!r}: {problem}"
+        return InputError(problem, field=field, found=found, expected=expected)
 
     def limits(self) -> NDArray[np.void]:
         """Return limits as the kernel reads them: LIMITS_DTYPE, shape (2,), the lower ones first.

@@ -145,10 +145,17 @@ def _areas_below(
 
 def _relief(values: FloatArray, cells: IntArray, within: int) -> tuple[FloatArray, FloatArray]:
     """Measure how far the ground within some cells of others (flat indices) rises and falls (m)."""
-    size, own = 2 * within + 1, values.ravel()[cells]
-    highest = ndimage.maximum_filter(np.nan_to_num(values, nan=-np.inf), size, mode="nearest")
-    lowest = ndimage.minimum_filter(np.nan_to_num(values, nan=np.inf), size, mode="nearest")
-    return highest.ravel()[cells] - own, own - lowest.ravel()[cells]
+    row, col = np.divmod(cells, values.shape[1])
+    own = values.ravel()[cells]
+    above, below = np.zeros(cells.size), np.zeros(cells.size)
+    for down in range(-within, within + 1):
+        for right in range(-within, within + 1):
+            r = np.clip(row + down, 0, values.shape[0] - 1)
+            c = np.clip(col + right, 0, values.shape[1] - 1)
+            gap = values[r, c] - own
+            np.fmax(above, gap, out=above)
+            np.fmax(below, -gap, out=below)
+    return above, below
 
 
 def _rims(values: FloatArray, known: BoolArray, low: BoolArray, far_m: float) -> BoolArray:

@@ -34,7 +34,7 @@ from sassgis.batches.batch_mosaic import (
     kept_mosaic,
     shared,
 )
-from sassgis.batches.batch_state import Reached, Record, added_up
+from sassgis.batches.batch_state import Reached, Record, added_up, digests_of_sums, read_state
 from sassgis.errors import OutputError
 from sassgis.files.atomic_output import check_output
 from sassgis.inputs.tiles import Part, hull
@@ -356,3 +356,29 @@ def test_areas_that_meet_through_others_are_one_group() -> None:
     assert [[areas.index(a) for a in g] for g in groups(areas, 5)] == [[0], [1], [2], [3]]
     # 0 and 3 are 10 columns apart, 3 and 1 as well; 0 and 1 meet only through 3.
     assert [[areas.index(a) for a in g] for g in groups(areas, 6)] == [[0, 1, 3], [2]]
+
+
+@pytest.mark.battery
+def test_an_area_without_barriers_left_the_same_with_and_without(
+    done: Stopped, tmp_path: Path
+) -> None:
+    own = done.folder / "areas" / "nord"
+    assert (own / "without_barriers.npz").is_file()
+    shutil.copy(own / "simulation.npz", tmp_path)
+    record = replace(area(Part(0, 0, 2, 2), 0).record, sums=digests_of_sums(tmp_path))
+    alone = Reached("nord", record, tmp_path, Part(0, 0, 2, 2))
+    with_them, without = (read_state(alone, without) for without in (False, True))
+    assert with_them.keys() == without.keys()
+    assert all(np.array_equal(with_them[k], without[k]) for k in with_them)
+
+
+def test_what_cannot_be_read_is_no_trouble_with_writing_zones(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    def gone(_mosaic: object, _areas: object) -> None:
+        raise FileNotFoundError("simulation.npz")
+
+    monkeypatch.setattr(batch_mosaic, "_zones", gone)
+    mosaic: Any = None
+    with pytest.raises(FileNotFoundError):
+        batch_mosaic._draw_zones(mosaic, ([], tmp_path / "0.zones"))

@@ -18,6 +18,7 @@ import pytest
 from helpers.listed_results import digests
 from helpers.small_slope import SASSGIS, Slope, release_box
 
+import sassgis
 from sassgis.grid import Grid
 from sassgis.inputs.tiles import read_terrain
 from sassgis.settings.results import StopReason
@@ -237,3 +238,7 @@ def test_what_cannot_be_printed_is_no_fault_of_the_program(slope: Slope) -> None
     assert done.returncode == 3, done.stderr
     assert done.stderr.startswith("Error: standard output: cannot be written (")
     assert done.stderr.count("\n") == 1
+
+
+def test_version(printed) -> None:
+    assert sassgis.__version__ in printed("--version")

@@ -219,7 +219,7 @@ def test_workers_that_are_killed_as_they_start_change_nothing(
 
 
 @pytest.mark.skipif(not Path("/proc/self/task").exists(), reason="processes are found in /proc")
-@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT, signal.SIGHUP])
 def test_a_run_whose_workers_are_stopped_can_be_ended(site: Path, number: signal.Signals) -> None:
     """As they are stopped while they start, nothing is computed; what there is, is saved."""
     arguments = ("run", site / "config.toml", "-o", site / "out", "--workers", "2")

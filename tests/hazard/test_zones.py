@@ -477,3 +477,28 @@ def test_a_large_place_is_drawn_in_parts_as_it_is_at_once(
         assert sum(apart) <= 0.02 * sum(above(whole, k).area for k in range(1, 4))
     for k in range(1, 4):
         assert above(in_parts[0], k).difference(above(in_parts[1], k)).area < 1e-6
+
+
+def test_a_missing_or_doubled_zone_would_be_noticed() -> None:
+    classes = raster("smooth", (30, 30), 1)
+    grid = grid_of(classes)
+    zones = drawn(classes, tolerance_m=3.0)
+    fewer = Coverage(zones.polygons[1:], zones.classes[1:])
+    assert "lower than the raster" in violations(fewer, classes, grid)
+    twice = Coverage(np.append(zones.polygons, zones.polygons[0]), np.append(zones.classes, 1))
+    assert "overlap" in violations(twice, classes, grid)
+    shifted = Coverage(shapely.transform(zones.polygons, lambda c: c + 3e-4), zones.classes)
+    assert "off the grid of 1 mm" in violations(shifted, classes, grid)
+
+
+def test_parts_that_touch_at_a_corner() -> None:
+    classes = block((2, 2, 10, 10, 1), (10, 10, 20, 20, 1))
+    zones = drawn(classes)
+    assert len(zones.polygons) == 2
+    assert violations(zones, classes, grid_of(classes)) == set()
+    # A ring that closes at a corner only: its hole touches the outside there.
+    classes = block((2, 2, 20, 20, 1), (7, 7, 12, 12, 0), (2, 2, 7, 7, 0))
+    zones = drawn(classes)
+    (ring,) = zones.polygons
+    assert len(ring.interiors) == 1
+    assert violations(zones, classes, grid_of(classes)) == set()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from dataclasses import replace
 from pathlib import Path
 from xml.etree import ElementTree as ET
@@ -14,7 +15,7 @@ from helpers import made_up_result as made_up
 from sassgis.errors import OutputError
 from sassgis.grid import Grid
 from sassgis.inputs.result_folder import level_classes
-from sassgis.outputs.raster import NODATA, write_raster
+from sassgis.outputs.raster import NODATA, BlockMaps, finish_map, write_raster
 from sassgis.settings.results import Band, RasterClass, RasterLayer
 
 
@@ -186,3 +187,21 @@ def test_the_style_of_classes_lists_the_most_severe_first(tmp_path: Path) -> Non
     entries = [(e.get("value"), e.get("color"), e.get("label")) for e in root.iter("paletteEntry")]
     pale = ("1", "#ffee80", "residuo (pale)")
     assert entries == [("3", "#e60000", "elevato"), ("2", "#ffdd00", "basso"), pale]
+
+
+def test_an_overview_is_made_of_the_one_before_however_wide_the_map(tmp_path: Path) -> None:
+    rng = np.random.default_rng(4)
+    values = np.where(rng.random((260, 9000)) < 0.6, rng.random((260, 9000)), np.nan)
+    wide = layer_of(values)
+    wide = replace(wide, bands=tuple(replace(wide.bands[0], name=f"b{k}") for k in range(6)))
+    with BlockMaps(flat(values.shape), tmp_path) as files:
+        files.write(wide, 0, 0)
+    (unfinished,) = files.unfinished
+    finish_map(unfinished)
+    with rasterio.open(unfinished.target, overview_level=0) as data:
+        finer = data.read(1, masked=True).filled(np.nan).reshape(65, 2, 2250, 2)
+    with rasterio.open(unfinished.target, overview_level=1) as data:
+        read = data.read(1, masked=True).filled(np.nan)
+    with warnings.catch_warnings(action="ignore"):
+        mean = np.nanmean(finer, axis=(1, 3))
+    np.testing.assert_allclose(read, mean, rtol=1e-5)

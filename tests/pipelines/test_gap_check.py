@@ -6,6 +6,8 @@ import csv
 import json
 import math
 import shutil
+import subprocess
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -262,3 +264,11 @@ def test_sites_and_answers_must_be_the_same() -> None:
         score([truth("1", "none")], [said("1", "none"), said("2", "none")])
     with pytest.raises(KeyError):
         answer_from("1", {"advice": {}})
+
+
+def test_the_command_says_a_fault_in_one_line(repository: Path, copy: Path) -> None:
+    script = repository / "pipelines" / "gap_check"
+    command = [sys.executable, script, "--worlds", "2", "--seed", "951", "-o", copy]
+    run = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert run.returncode == 1 and run.stderr.count("\n") == 1
+    assert run.stderr.startswith("Error: ")

@@ -168,3 +168,12 @@ def test_most_rocks_lie_within_the_ranges_of_the_paper(bedrina: Path, repository
         f"{second:.0%} pass camera 2 below that, and {third:.0%} camera 3".replace("%", " %")
         in page
     )
+
+
+def test_the_package_imports_no_pipeline() -> None:
+    for path in (PIPELINES.parent / "sassgis").rglob("*.py"):
+        for node in ast.walk(ast.parse(path.read_text())):
+            names = [a.name for a in node.names] if isinstance(node, ast.Import) else []
+            if isinstance(node, ast.ImportFrom):
+                names = [node.module or ""]
+            assert not any(n.split(".")[0] in ("pipelines", *NAMES) for n in names), path

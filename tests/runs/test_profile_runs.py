@@ -183,3 +183,25 @@ def test_local_coordinates_run_from_end_to_end(make_valley, tmp_path: Path) -> N
         assert raster.crs is None or not raster.crs.is_projected
         assert raster.bounds == pytest.approx(result.run.grid.bounds)
     assert len(gpd.read_file(tmp_path / "out" / "result.gpkg", layer="stops")) == result.n_blocks
+
+
+def test_equal_seeds_give_equal_profiles_and_others_do_not(bedrina: Path) -> None:
+    config = load_config(bedrina)
+    profile = profile_from_csv(config)
+    first, again, other = (
+        simulate_profile(replace(config, run=replace(config.run, seed=s)), profile, rocks=10)
+        for s in (1, 1, 2)
+    )
+    assert first.rocks.tobytes() == again.rocks.tobytes()
+    assert (first.rocks["mass_kg"] != other.rocks["mass_kg"]).all()
+
+
+def test_the_wind_acts_on_a_profile(bedrina: Path) -> None:
+    config = load_config(bedrina)
+    profile = profile_from_csv(config)
+    means = []
+    for acceleration in (-2.0, 0.0, 2.0):
+        blown = load_config(bedrina, {"effects.wind": {"acceleration_mps2": acceleration}})
+        means.append(simulate_profile(blown, profile, rocks=60).rocks["max_speed_mps"].mean())
+    assert means[0] < means[1] < means[2]
+    assert means[1] == simulate_profile(config, profile, rocks=60).rocks["max_speed_mps"].mean()

@@ -27,8 +27,8 @@ def kernel_form(
     """Return the type of the numbers of an effect, and what makes them of its settings.
 
     ``neutral`` is whether settings change nothing, so that the effect is off; ``more`` are numbers
-    that are no settings. The type is kept with
-    the machine code: its module has it under the name of the settings with "Numbers" after it.
+    that are no settings. The type is kept with the machine code: its module has it under the name
+    of the settings with "Numbers" after it.
     """
     plain = {key: get_args(one.kind)[0] for key, one in declared(kind).items()}
     choices = {key: get_args(of) for key, of in plain.items() if get_origin(of) is Literal}

@@ -251,7 +251,8 @@ def time_to_height(
 ) -> tuple[bool, float]:
     """Return whether a block in flight is below the height of the stems, and when that changes (s).
 
-    ``above`` is the height of its centre above straight ground (m), ``climb`` how fast it grows.
+    ``above`` is the height of its centre above straight ground (m), ``climb`` how fast it grows
+    (m/s).
     """
     over = above - stand.height_m
     square = climb * climb + 2.0 * gravity * over

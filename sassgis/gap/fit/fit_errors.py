@@ -131,7 +131,7 @@ def _errors(
 
     inverse = bootstrap_interval(
         lambda i: 1.0 / max(centre(own[i]), 1e-9),
-        np.arange(own.size), draws=ERROR_SAMPLES, rng=rng,
+        np.arange(own.size), draws=ERROR_SAMPLES, rng=rng, method="percentile",
     )  # fmt: skip
 
     def error(simulated: float) -> Interval:

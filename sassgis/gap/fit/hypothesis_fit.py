@@ -346,6 +346,7 @@ def gain_of(
         group[known],
         draws=999,
         rng=rng,
+        method="percentile",
     )
 
 

@@ -227,3 +227,23 @@ def test_rocks_of_a_group_are_tested_together():
         alone += mean_gap_tests(values, draws=99, rng=rng)[1][0] <= 0.05
         together += mean_gap_tests(values, draws=99, rng=rng, unit=day)[1][0] <= 0.05
     assert alone / 200 > 0.3 and together / 200 < 0.1
+
+
+def test_missing_values_keep_the_level_of_the_tests():
+    """Rocks that lack a quantity neither help nor hurt it: p-values stay uniform."""
+    rng = np.random.default_rng(8)
+    p, largest = [], []
+    for _ in range(300):
+        values = rng.standard_normal((24, 6))
+        values[rng.random((24, 6)) < 0.4] = np.nan
+        values[:, 5] = np.nan
+        values[:2, 5] = 1.0
+        _, own, adjusted = mean_gap_tests(values, draws=199, rng=rng)
+        assert np.isnan(own[5]) and np.isnan(adjusted[5])
+        p.append(own[:5])
+        largest.append(np.nanmin(adjusted))
+    assert 0.03 < np.mean(np.concatenate(p) <= 0.05) < 0.07
+    assert np.mean(np.array(largest) <= 0.05) < 0.09
+    values = np.tile([1.0, 0.0, np.nan], (12, 1))
+    t, _, adjusted = mean_gap_tests(values, draws=199, rng=rng)
+    assert np.isinf(t[0]) and adjusted[0] < 0.05 and t[1] == 0.0 and adjusted[1] == 1.0
