@@ -98,7 +98,8 @@ def _ns(function: Callable[..., float], *given: object) -> float:
 def measure(rocks: int, repeats: int) -> dict[str, dict[str, float]]:
     """Of each part: how often a block does it, what it costs (ns), and the product (µs)."""
     draws = np.random.default_rng(1).random(_N)
-    slope = profile_of(np.array([0.0, 200.0]), np.array([0.0, -140.0]), np.zeros(2, np.int32))
+    ends = np.array([0.0, 200.0]), np.array([0.0, -140.0])
+    slope = profile_of(*ends, np.zeros(2, np.int32)).rows
     cells = np.random.default_rng(2).integers(0, 20_000, _N)
     cost = {
         "flights, search for the contact": _ns(_contacts, draws, slope),

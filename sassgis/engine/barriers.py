@@ -9,7 +9,7 @@ import numpy as np
 
 from sassgis.compiled.jit import inlined, kernel, lean
 from sassgis.engine.resistance import share_gained
-from sassgis.engine.rows import Record, Table
+from sassgis.engine.rows import CountedRows, Record
 from sassgis.engine.state import BARRIER, CROSSING_DTYPE, Block, Output, Site, end
 from sassgis.grid import FloatArray, IntArray
 from sassgis.settings.results import Outcome
@@ -46,8 +46,8 @@ class ControlLineTable(NamedTuple):
 
 @kernel
 def crossings_of(
-    profile: Table, chainage: FloatArray, number: IntArray, lines: ControlLineTable
-) -> Table:
+    profile: CountedRows, chainage: FloatArray, number: IntArray, lines: ControlLineTable
+) -> CountedRows:
     """Return stations and barriers on a profile (CROSSING_DTYPE).
 
     ``chainage`` (m) rises; ``number`` is the position of each in ``lines``.
@@ -67,13 +67,13 @@ def crossings_of(
         row.height = lines.height[number[i]]
         row.capacity = lines.capacity[number[i]]
         row.number = number[i]
-    return Table(rows, np.full(1, chainage.size, np.int64))
+    return CountedRows(rows, np.full(1, chainage.size, np.int64))
 
 
 @lean
 def _write_passage(
-    state: Record, output: Output, block: Block, crossings: Table, crossing: Record, outcome: int,
-    vx: float, vz: float, omega: float, height: float,
+    state: Record, output: Output, block: Block, crossings: CountedRows, crossing: Record,
+    outcome: int, vx: float, vz: float, omega: float, height: float,
 ) -> None:  # fmt: skip
     """Write what a block does where it first comes to a control line."""
     for i in range(crossings.n[0]):
@@ -109,7 +109,7 @@ def _at_barrier(crossing: Record, energy: float) -> tuple[int, float]:
 
 
 @lean
-def _is_behind(crossings: Table, met: Meeting, crossing: Record) -> bool:
+def _is_behind(crossings: CountedRows, met: Meeting, crossing: Record) -> bool:
     """Return whether a barrier met lies before a control line, which is then not reached.
 
     The remaining speed goes on to all lines at the same place. One that is stopped comes to the

@@ -16,7 +16,7 @@ from sassgis.compiled.jit import fused, inlined, lean
 from sassgis.engine.ellipse import cos_sin
 from sassgis.engine.ellipse_contact import Flying, contact_with_segment, contact_with_vertex
 from sassgis.engine.profile import segment_at
-from sassgis.engine.rows import Record, Table
+from sassgis.engine.rows import CountedRows, Record
 
 #: Share of a number below which what it differs by is no better than rounding.
 _CANCELS = 1e-10
@@ -40,7 +40,7 @@ def _no_contact(t: float) -> Contact:
 
 
 @inlined
-def span(profile: Table, j: int) -> float:
+def span(profile: CountedRows, j: int) -> float:
     """Return the length of a segment, along its tangent (m)."""
     here = profile.rows[j]
     after = profile.rows[j + 1]
@@ -48,7 +48,7 @@ def span(profile: Table, j: int) -> float:
 
 
 @inlined
-def is_convex(profile: Table, k: int) -> bool:
+def is_convex(profile: CountedRows, k: int) -> bool:
     """Return whether the ground turns down at vertex k."""
     behind = profile.rows[k - 1]
     here = profile.rows[k]
@@ -94,7 +94,7 @@ def _vertex_from(
 
 @lean
 def _core_contact(
-    flying: Flying, core: float, start: float, end: float, tolerance: float, profile: Table,
+    flying: Flying, core: float, start: float, end: float, tolerance: float, profile: CountedRows,
     j: int, length: float,
 ) -> tuple[float, float, float, int]:  # fmt: skip
     """Find the first contact of a block's round core (radius m) with segment j or its vertices.
@@ -170,7 +170,7 @@ def _within_reach(
 
 @lean
 def next_contact(
-    flying: Flying, start: float, end: float, tolerance: float, profile: Table, near: int,
+    flying: Flying, start: float, end: float, tolerance: float, profile: CountedRows, near: int,
     skip_to: int,
 ) -> Contact:  # fmt: skip
     """Return the first contact of a flying block with a profile: of two at once the faster one.
@@ -235,9 +235,9 @@ def next_contact(
 
 @fused
 def _contact_at(
-    flying: Flying, tolerance: float, profile: Table, j: int, step: int, left: bool, fresh: bool,
-    edge: int, still: bool, same: float, best: Contact, first: float, last: float, above: float,
-    rate: float, fall: float,
+    flying: Flying, tolerance: float, profile: CountedRows, j: int, step: int, left: bool,
+    fresh: bool, edge: int, still: bool, same: float, best: Contact, first: float, last: float,
+    above: float, rate: float, fall: float,
 ) -> Contact:  # fmt: skip
     """Return better of the best contact so far and those with segment j, its vertices and the core.
 
@@ -300,7 +300,7 @@ def resting_height(
     theta: float,
     a: float,
     b: float,
-    profile: Table,
+    profile: CountedRows,
     near: int,
 ) -> float:
     """Return the height of the centre of an ellipse that lies on the profile at chainage x (m).

@@ -11,7 +11,7 @@ from sassgis.engine.effects import hooks
 from sassgis.engine.ellipse_contact import Flying
 from sassgis.engine.profile import segment_at
 from sassgis.engine.recording import record_flight
-from sassgis.engine.rows import Record, Table
+from sassgis.engine.rows import CountedRows, Record
 from sassgis.engine.state import (
     FLIGHT,
     IMPACT,
@@ -33,7 +33,7 @@ _LONGEST = 1e6
 
 
 @inlined
-def _time_to_end(state: Record, block: Block, profile: Table) -> float:
+def _time_to_end(state: Record, block: Block, profile: CountedRows) -> float:
     """Return when the centre leaves the profile (s), which must go on under the whole block."""
     if state.vx > 1e-9:
         front = block.a + MARGIN_M if state.open else 0.0
@@ -46,7 +46,7 @@ def _time_to_end(state: Record, block: Block, profile: Table) -> float:
 
 
 @inlined
-def _is_over_ground(state: Record, profile: Table, gravity: float, until: float) -> bool:
+def _is_over_ground(state: Record, profile: CountedRows, gravity: float, until: float) -> bool:
     """Return whether the centre is over the ground at the end (s) of a flight without contact."""
     x = state.x + state.vx * until
     z = state.z + (state.vz - 0.5 * gravity * until) * until

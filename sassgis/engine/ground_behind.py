@@ -7,7 +7,7 @@ import math
 from sassgis.compiled.jit import fused, lean
 from sassgis.engine.contact import is_convex
 from sassgis.engine.ground_ahead import BEHIND, Path, add_vertex, place, terrain_height
-from sassgis.engine.rows import Record, Table
+from sassgis.engine.rows import CountedRows, Record
 from sassgis.engine.state import Block, Site
 
 # Of the profile before so much is kept, in longest semi-axes, and so many vertices are sampled.
@@ -114,7 +114,7 @@ def sample_behind(
 
 
 @fused
-def _mirror_vertices(profile: Table, first: int, count: int, x: float) -> None:
+def _mirror_vertices(profile: CountedRows, first: int, count: int, x: float) -> None:
     """Turn some vertices about a chainage (m), and the segments between them and before them."""
     for j in range(first + count - 1, first - 1, -1):
         profile.rows[j].ground = profile.rows[j - 1].ground

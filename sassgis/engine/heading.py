@@ -41,7 +41,7 @@ from sassgis.engine.ground_ahead import (
 )
 from sassgis.engine.ground_behind import keep_behind, sample_behind
 from sassgis.engine.profile import segment_at
-from sassgis.engine.rows import Record, Table
+from sassgis.engine.rows import CountedRows, Record
 from sassgis.engine.state import (
     END,
     FLIGHT,
@@ -509,7 +509,7 @@ def wedged(state: Record) -> bool:
 
 
 @inlined
-def place_spawned(state: Record, spawned: Table, before: int) -> None:
+def place_spawned(state: Record, spawned: CountedRows, before: int) -> None:
     """Write where the blocks are that an impact has spawned, from number ``before`` on."""
     for i in range(before, min(spawned.n[0], spawned.rows.size)):
         row = spawned.rows[i]

@@ -20,7 +20,7 @@ from sassgis.engine.ground_ahead import Path, place, room_ahead
 from sassgis.engine.heading import continue_path, start_path
 from sassgis.engine.profile import last_stretch, profile_of, stretches_of, without_straight_vertices
 from sassgis.engine.recording import CellWork, empty_work, record_stop
-from sassgis.engine.rows import Record, Records, Table, empty_table
+from sassgis.engine.rows import CountedRows, Record, Records, empty_table
 from sassgis.engine.state import (
     BARRIER,
     REST,
@@ -85,8 +85,8 @@ class Rows(NamedTuple):
     """Rows of the run, which blocks fill."""
 
     rocks: Records  # (n_blocks of all,) settings.results.ROCK_DTYPE
-    passages: Table  # settings.results.PASSAGE_DTYPE
-    spawned: Table  # ROCK_DTYPE
+    passages: CountedRows  # settings.results.PASSAGE_DTYPE
+    spawned: CountedRows  # ROCK_DTYPE
     ends: FloatArray  # as rocks, (n, 2): place of the end of a followed path (cells)
     spawned_ends: FloatArray  # the same of spawned blocks
     events: Records  # (n, n_events) state.EVENT_DTYPE; n_events may be 0
@@ -101,7 +101,7 @@ class Work(NamedTuple):
     event: CellWork  # of a block and all that it spawned, as one block of 1 kg
     visits: NDArray[np.uint64]  # (room,)
     n_visits: IntArray  # (2,) of them; of those that are in histograms already
-    spawned: Table
+    spawned: CountedRows
     ahead: Site  # the ground just ahead, on a path that is followed
 
 
@@ -210,7 +210,7 @@ def simulate_blocks(
         number = i * setup.n_blocks + r
         row = rows.rocks[number]
         open_row(row, strata.number[i], rock, 0, first_x)
-        log = Table(rows.events[number], rows.event_counts[number:])
+        log = CountedRows(rows.events[number], rows.event_counts[number:])
         end_place = rows.ends[number]
         n_spawned = n_event = 0
         spawned.n[0] = 0
@@ -251,7 +251,7 @@ def simulate_blocks(
             end_place = rows.spawned_ends[rows.spawned.n[0]]
             rows.spawned.n[0] += 1
             open_row(row, strata.number[i], rock, n_spawned, state.x)
-            log = Table(log.rows[:0], log.n)
+            log = CountedRows(log.rows[:0], log.n)
         if effects is None:
             added = add_to_totals(totals, work, cells, n_touched, mass)
         else:
@@ -327,7 +327,7 @@ def open_row(row: Record, line: int, number: int, spawned: int, start: float) ->
 
 @fused
 def finish_block(
-    row: Record, block: Block, state: Record, site: Site, passages: Table, stops: IntArray,
+    row: Record, block: Block, state: Record, site: Site, passages: CountedRows, stops: IntArray,
     cells: CellWork,
 ) -> int:  # fmt: skip
     """Write the row, the passages and the stop of a block; returns the cell of its stop, or -1."""

@@ -12,7 +12,7 @@ from sassgis.engine.ellipse import cos_sin, frame_of
 from sassgis.engine.impact import RESTITUTION, impact, normal_force, soft_landing
 from sassgis.engine.profile import along, foot_segment
 from sassgis.engine.rolling import growth, rolling_friction
-from sassgis.engine.rows import Record, Records, Table
+from sassgis.engine.rows import CountedRows, Record, Records
 from sassgis.engine.state import (
     BROKEN,
     FLIGHT,
@@ -302,7 +302,7 @@ def _settle(
 
 @lean
 def rolling_place(
-    profile: Table, segment: int, foot_x: float, foot_z: float, radius: float
+    profile: CountedRows, segment: int, foot_x: float, foot_z: float, radius: float
 ) -> tuple[float, float]:
     """Find the centre of a block that rolls as a circle over a foot with nothing in the way."""
     here = profile.rows[segment]
@@ -313,7 +313,7 @@ def rolling_place(
 
 @lean
 def _slide_or_rest(
-    state: Record, block: Block, grounds: Records, profile: Table, gravity: float, wt: float,
+    state: Record, block: Block, grounds: Records, profile: CountedRows, gravity: float, wt: float,
     foot_x: float, foot_z: float,
 ) -> None:  # fmt: skip
     """Let a block slide as it lies, if it can; one that would have to rise first is wedged."""

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from sassgis.compiled.jit import inlined, kernel, lean
 from sassgis.engine.recording import STRETCH_DTYPE
-from sassgis.engine.rows import Table
+from sassgis.engine.rows import CountedRows
 from sassgis.engine.state import BARRIER, VERTEX_DTYPE
 from sassgis.grid import FloatArray, IntArray
 
@@ -22,7 +22,7 @@ STRAIGHT = 1e-9
 
 
 @kernel
-def profile_of(s: FloatArray, z: FloatArray, ground: NDArray[np.int32]) -> Table:
+def profile_of(s: FloatArray, z: FloatArray, ground: NDArray[np.int32]) -> CountedRows:
     """Return the segments between vertices (VERTEX_DTYPE).
 
     Chainage ``s`` (m) rises; ``ground`` is the class of the segment that starts at the vertex.
@@ -43,7 +43,7 @@ def profile_of(s: FloatArray, z: FloatArray, ground: NDArray[np.int32]) -> Table
         row.tz = dz / length
         row.angle = math.nan
         row.ground = ground[i]
-    return Table(rows, np.full(1, n - 1, np.int64))
+    return CountedRows(rows, np.full(1, n - 1, np.int64))
 
 
 @kernel
@@ -82,7 +82,7 @@ def without_straight_vertices(
 def stretches_of(
     cell_s: FloatArray, cell: IntArray, stems: FloatArray, diameter: FloatArray,
     on_map: FloatArray, s: FloatArray,
-) -> Table:  # fmt: skip
+) -> CountedRows:  # fmt: skip
     """Return stretches of cells, cut at the vertices (STRETCH_DTYPE).
 
     ``cell_s`` are the borders of the cells along the profile (m), ``on_map`` the same on the map
@@ -119,11 +119,11 @@ def stretches_of(
     rows[n].start = here
     rows[n].u = on_map[cell.size, 0]
     rows[n].v = on_map[cell.size, 1]
-    return Table(rows, np.full(1, n, np.int64))
+    return CountedRows(rows, np.full(1, n, np.int64))
 
 
 @lean
-def segment_at(profile: Table, x: float, near: int) -> int:
+def segment_at(profile: CountedRows, x: float, near: int) -> int:
     """Return the segment under chainage x."""
     j = near
     n = profile.n[0]
@@ -135,7 +135,7 @@ def segment_at(profile: Table, x: float, near: int) -> int:
 
 
 @inlined
-def angle_of(profile: Table, j: int) -> float:
+def angle_of(profile: CountedRows, j: int) -> float:
     """Return the angle of segment j to the horizontal, positive if it rises (rad)."""
     here = profile.rows[j]
     if math.isnan(here.angle):
@@ -145,14 +145,14 @@ def angle_of(profile: Table, j: int) -> float:
 
 
 @lean
-def along(profile: Table, j: int, x: float, z: float) -> float:
+def along(profile: CountedRows, j: int, x: float, z: float) -> float:
     """Return the distance of a point along segment j from its start (m)."""
     row = profile.rows[j]
     return float((x - row.x) * row.tx + (z - row.z) * row.tz)
 
 
 @lean
-def turn(profile: Table, j: int, direction: int) -> float:
+def turn(profile: CountedRows, j: int, direction: int) -> float:
     """Return the sine of the turn from segment j to the next in a direction; above 0: convex."""
     here = profile.rows[j]
     after = profile.rows[j + direction]
@@ -161,7 +161,7 @@ def turn(profile: Table, j: int, direction: int) -> float:
 
 
 @lean
-def foot_segment(profile: Table, j: int, x: float, z: float, direction: int) -> int:
+def foot_segment(profile: CountedRows, j: int, x: float, z: float, direction: int) -> int:
     """Return the segment along which a block that touches segment j moves on in a direction."""
     n = profile.n[0]
     while True:
@@ -189,7 +189,7 @@ def foot_segment(profile: Table, j: int, x: float, z: float, direction: int) -> 
 
 
 @lean
-def stretch_from(stretches: Table, i: int, x: float) -> int:
+def stretch_from(stretches: CountedRows, i: int, x: float) -> int:
     """Return the stretch under chainage x, looking ahead from stretch i."""
     while i < stretches.n[0] - 1 and stretches.rows[i + 1].start < x:
         i += 1
@@ -197,7 +197,7 @@ def stretch_from(stretches: Table, i: int, x: float) -> int:
 
 
 @lean
-def to_cell_border(stretches: Table, i: int, x: float, direction: int) -> tuple[int, float]:
+def to_cell_border(stretches: CountedRows, i: int, x: float, direction: int) -> tuple[int, float]:
     """Find the stretch ahead of a block in a direction, and the distance to its border (m)."""
     n = stretches.n[0]
     while direction > 0 and i < n - 1 and stretches.rows[i + 1].start <= x + _PAST:
@@ -209,7 +209,9 @@ def to_cell_border(stretches: Table, i: int, x: float, direction: int) -> tuple[
 
 
 @lean
-def last_stretch(profile: Table, stretches: Table, reason: int, x: float, start: float) -> int:
+def last_stretch(
+    profile: CountedRows, stretches: CountedRows, reason: int, x: float, start: float
+) -> int:
     """Return the stretch in which a block ends; -1 outside."""
     if x < profile.rows[0].x or x > profile.rows[profile.n[0]].x:
         return -1

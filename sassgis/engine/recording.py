@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from sassgis.compiled.jit import lean
 from sassgis.engine.resistance import share_gained, time_over
-from sassgis.engine.rows import Table, record_type
+from sassgis.engine.rows import CountedRows, record_type
 from sassgis.settings.statistics_table import QUANTITIES
 
 #: Columns of what is recorded: energy per unit mass (J/kg), -1 where the block has not been; height
@@ -74,7 +74,7 @@ def _raise(
 
 
 @lean
-def stretch_at(stretches: Table, x: float, near: int) -> int:
+def stretch_at(stretches: CountedRows, x: float, near: int) -> int:
     """Return the stretch under chainage x."""
     i = near
     while i > 0 and stretches.rows[i].start > x:
@@ -85,7 +85,7 @@ def stretch_at(stretches: Table, x: float, near: int) -> int:
 
 
 @lean
-def _on_map(stretches: Table, i: int, x: float) -> tuple[float, float]:
+def _on_map(stretches: CountedRows, i: int, x: float) -> tuple[float, float]:
     """Return the place on the map (u, v) of chainage x in stretch i, which is straight there."""
     here = stretches.rows[i]
     after = stretches.rows[i + 1]
@@ -96,8 +96,8 @@ def _on_map(stretches: Table, i: int, x: float) -> tuple[float, float]:
 
 @lean
 def _pass(
-    stretches: Table, work: CellWork, i: int, step: int, x_end: float, inside: bool, first: bool,
-    u: float, v: float,
+    stretches: CountedRows, work: CellWork, i: int, step: int, x_end: float, inside: bool,
+    first: bool, u: float, v: float,
 ) -> tuple[float, float]:  # fmt: skip
     """Note the path of a block across stretch i from (u, v) on; returns where it leaves.
 
@@ -127,9 +127,9 @@ def _pass(
 
 @lean
 def record_flight(
-    stretches: Table, work: CellWork, n_touched: int, i: int, x: float, z: float, vx: float,
+    stretches: CountedRows, work: CellWork, n_touched: int, i: int, x: float, z: float, vx: float,
     vz: float, spin_energy: float, gravity: float, until: float, t: float, rest: float,
-    profile: Table,
+    profile: CountedRows,
 ) -> tuple[int, int, float]:  # fmt: skip
     """Record the cells under a flight of a duration ``until`` (s) from time t since the release on.
 
@@ -208,7 +208,7 @@ def record_flight(
 
 @lean
 def record_stop(
-    stretches: Table, work: CellWork, n_touched: int, i: int, x: float, t: float
+    stretches: CountedRows, work: CellWork, n_touched: int, i: int, x: float, t: float
 ) -> int:
     """Record the cell of stretch i, where a block comes to rest; returns the cells touched.
 
@@ -226,9 +226,9 @@ def record_stop(
 
 @lean
 def record_ground(
-    stretches: Table, work: CellWork, n_touched: int, i: int, x: float, x_end: float, v2: float,
-    dv2: float, spin: float, dspin: float, chord: float, length: float, t: float, steady: float,
-    fade: float,
+    stretches: CountedRows, work: CellWork, n_touched: int, i: int, x: float, x_end: float,
+    v2: float, dv2: float, spin: float, dspin: float, chord: float, length: float, t: float,
+    steady: float, fade: float,
 ) -> tuple[int, int]:  # fmt: skip
     """Record the cells under a stretch of rolling or sliding from chainage x to x_end (m).
 

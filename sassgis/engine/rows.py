@@ -12,7 +12,7 @@ Record = Any
 Records = NDArray[np.void]
 
 
-class Table(NamedTuple):
+class CountedRows(NamedTuple):
     """Rows of which only the first hold: a path that is followed has room for more.
 
     Of profiles and stretches of cells the segments are counted: one more row ends the last of them.
@@ -27,6 +27,6 @@ def record_type(*fields: tuple[str, Any]) -> np.dtype[np.void]:
     return np.dtype((np.record, list(fields)))
 
 
-def empty_table(n: int, dtype: np.dtype[np.void]) -> Table:
+def empty_table(n: int, dtype: np.dtype[np.void]) -> CountedRows:
     """Make an empty table with room for ``n`` rows."""
-    return Table(np.zeros(n, dtype), np.zeros(1, np.int64))
+    return CountedRows(np.zeros(n, dtype), np.zeros(1, np.int64))

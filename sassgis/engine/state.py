@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from sassgis.compiled.jit import fused, inlined, lean
 from sassgis.engine.recording import CellWork
-from sassgis.engine.rows import Record, Records, Table, record_type
+from sassgis.engine.rows import CountedRows, Record, Records, record_type
 from sassgis.grid import FloatArray
 from sassgis.settings.results import StopReason
 
@@ -193,10 +193,10 @@ class Physics(NamedTuple):
 class Site(NamedTuple):
     """Ground over which a block moves."""
 
-    profile: Table  # VERTEX_DTYPE
+    profile: CountedRows  # VERTEX_DTYPE
     grounds: Records  # ground_switch.GROUND_DTYPE
-    crossings: Table  # CROSSING_DTYPE
-    stretches: Table  # recording.STRETCH_DTYPE
+    crossings: CountedRows  # CROSSING_DTYPE
+    stretches: CountedRows  # recording.STRETCH_DTYPE
 
 
 class Output(NamedTuple):
@@ -204,13 +204,13 @@ class Output(NamedTuple):
 
     passages: Records  # PASSAGE_DTYPE, those of this block from the top
     work: CellWork
-    log: Table  # EVENT_DTYPE, as far as there are rows
+    log: CountedRows  # EVENT_DTYPE, as far as there are rows
     # SPAWNED_DTYPE, by the released block and those that it has spawned; counted beyond the rows.
-    spawned: Table
+    spawned: CountedRows
 
 
 @fused
-def log_event(log: Table, state: Record, ux: float, uz: float) -> None:
+def log_event(log: CountedRows, state: Record, ux: float, uz: float) -> None:
     """Write the state to the event log, with the direction of the ground."""
     i = log.n[0]
     if i < log.rows.shape[0]:

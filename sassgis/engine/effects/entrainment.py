@@ -12,7 +12,7 @@ from sassgis.compiled import rng
 from sassgis.compiled.jit import lean
 from sassgis.engine.effects.forms import Numbers, kernel_form
 from sassgis.engine.effects.spawning import spawn
-from sassgis.engine.rows import Record, Table
+from sassgis.engine.rows import CountedRows, Record
 from sassgis.engine.state import Block
 from sassgis.settings.effects import EffectSection
 from sassgis.settings.schema import Several, Text, checked
@@ -87,7 +87,7 @@ def angle_of(key: np.uint64, number: int, i: int) -> float:
 
 @lean
 def entrain(
-    loose: Numbers, spawned: Table, block: Block, number: int, lost: float, state: Record,
+    loose: Numbers, spawned: CountedRows, block: Block, number: int, lost: float, state: Record,
     ground: Record,
 ) -> None:  # fmt: skip
     """Set blocks of the ground in motion with part of the energy that an impact took (J).

@@ -12,7 +12,7 @@ from sassgis.compiled import rng
 from sassgis.compiled.jit import kernel, lean
 from sassgis.engine.effects.forms import Numbers, kernel_form
 from sassgis.engine.effects.spawning import MOST_SPAWNED, spawn
-from sassgis.engine.rows import Record, Table
+from sassgis.engine.rows import CountedRows, Record
 from sassgis.engine.state import Block
 from sassgis.grid import FloatArray
 from sassgis.settings.effects import EffectSection
@@ -180,7 +180,9 @@ def angles_aside(
 
 
 @kernel
-def break_up(breaking: Numbers, spawned: Table, block: Block, number: int, state: Record) -> bool:
+def break_up(
+    breaking: Numbers, spawned: CountedRows, block: Block, number: int, state: Record
+) -> bool:
     """Break a block in flight into fragments; False if it is too small to break."""
     volume = 4.0 / 3.0 * math.pi * block.a * block.b * block.c
     share = np.empty(most_fragments(breaking, volume))

@@ -29,7 +29,7 @@ from sassgis.engine.effects.forms import OFF, Numbers
 from sassgis.engine.effects.ground_switch import ground_rows
 from sassgis.engine.effects.spawning import MOST_SPAWNED
 from sassgis.engine.impact import COULOMB, SCALE
-from sassgis.engine.rows import Record, Records, Table, record_type
+from sassgis.engine.rows import CountedRows, Record, Records, record_type
 from sassgis.engine.state import STATE_FIELDS, Block, Site
 from sassgis.settings.effects import EffectSettings
 from sassgis.settings.ground import GroundTable
@@ -298,7 +298,7 @@ def after_impact(
 
 @inlined
 def on_loss(
-    effects: Effects | None, state: Record, block: Block, spawned: Table, here: Record,
+    effects: Effects | None, state: Record, block: Block, spawned: CountedRows, here: Record,
     ground: Record, lost: float,
 ) -> bool:  # fmt: skip
     """Spawn blocks where an impact took energy (J/kg); whether the block itself is broken.

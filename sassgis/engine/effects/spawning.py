@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from sassgis.compiled.jit import lean
-from sassgis.engine.rows import Table
+from sassgis.engine.rows import CountedRows
 from sassgis.engine.state import Block
 
 #: Blocks that one released block may spawn.
@@ -12,7 +12,7 @@ MOST_SPAWNED = 5000
 
 @lean
 def spawn(
-    spawned: Table, x: float, z: float, vx: float, vz: float, theta: float, omega: float,
+    spawned: CountedRows, x: float, z: float, vx: float, vz: float, theta: float, omega: float,
     parent: Block, size: float, mass: float, t: float, aside: float,
 ) -> None:  # fmt: skip
     """Add a block ``size`` times as long as its parent, at a time since the release (s).

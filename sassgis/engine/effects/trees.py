@@ -14,7 +14,7 @@ from sassgis.compiled import rng
 from sassgis.compiled.jit import inlined, lean
 from sassgis.engine.effects.forms import OFF, Numbers, kernel_form
 from sassgis.engine.profile import segment_at, to_cell_border
-from sassgis.engine.rows import Record, Table
+from sassgis.engine.rows import CountedRows, Record
 from sassgis.engine.state import Block, Site
 from sassgis.errors import ConfigError
 from sassgis.settings.built_in_rows import built_in_rows
@@ -264,7 +264,7 @@ def time_to_height(
 
 
 @lean
-def to_other_forest(stretches: Table, i: int, x: float, direction: int) -> tuple[int, float]:
+def to_other_forest(stretches: CountedRows, i: int, x: float, direction: int) -> tuple[int, float]:
     """Find the stretch ahead of a block in a direction, and how far its forest goes on (m).
 
     To the next vertex at most: there the height above the ground changes otherwise.
