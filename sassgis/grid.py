@@ -12,6 +12,8 @@ IntArray = NDArray[np.int64]
 #: Classes of the cells of a grid: there may be many cells.
 ClassMap = NDArray[np.int16]
 BoolArray = NDArray[np.bool_]
+#: West, south, east and north (m).
+Bounds = tuple[float, float, float, float]
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,24 +46,17 @@ class Grid:
         return (int(self.values.shape[0]), int(self.values.shape[1]))
 
     @property
-    def bounds(self) -> tuple[float, float, float, float]:
+    def bounds(self) -> Bounds:
         """(west, south, east, north) of the outer cell edges (m)."""
         n_rows, n_cols = self.shape
-        return (
-            self.west,
-            self.north - n_rows * self.cell_size,
-            self.west + n_cols * self.cell_size,
-            self.north,
-        )
+        south, east = self.north - n_rows * self.cell_size, self.west + n_cols * self.cell_size
+        return self.west, south, east, self.north
 
     def part(self, rows: slice, cols: slice) -> Grid:
         """Return the cells of some rows and columns, which have a first and a last one."""
-        return replace(
-            self,
-            values=self.values[rows, cols],
-            west=self.west + cols.start * self.cell_size,
-            north=self.north - rows.start * self.cell_size,
-        )
+        west = self.west + cols.start * self.cell_size
+        north = self.north - rows.start * self.cell_size
+        return replace(self, values=self.values[rows, cols], west=west, north=north)
 
     def uv(self, x: FloatArray, y: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return fractional numbers of cells from the west and the north edge to points."""

@@ -26,7 +26,7 @@ from rasterio.windows import Window
 from sassgis.errors import InputError, notice
 from sassgis.files.gdal_safety import RASTER, kept_dataset, offline, open_dataset
 from sassgis.files.plain_file import check_file, check_text, in_memory
-from sassgis.grid import BoolArray, FloatArray, Grid
+from sassgis.grid import BoolArray, Bounds, FloatArray, Grid
 from sassgis.inputs.dem_system import dem_system
 from sassgis.settings.crs import crs_name, crs_parts, same_crs
 from sassgis.settings.process import require_memory
@@ -239,7 +239,7 @@ def _transform(dataset: Any, file: Input) -> Affine:
     return transform
 
 
-def _outer_bounds(transform: Affine, shape: tuple[int, int]) -> tuple[float, float, float, float]:
+def _outer_bounds(transform: Affine, shape: tuple[int, int]) -> Bounds:
     a, b, c, d, e, f = transform[:6]
     corners = [(col, row) for col in (0, shape[1]) for row in (0, shape[0])]
     x = [a * col + b * row + c for col, row in corners]

@@ -11,6 +11,7 @@ import pyproj
 from pyproj.exceptions import CRSError, ProjError
 
 from sassgis.errors import InputError, notice
+from sassgis.grid import Bounds
 from sassgis.settings.crs import crs_parts, parse_crs, same_crs
 from sassgis.settings.schema import Input
 
@@ -30,7 +31,7 @@ def dem_system(
     file: Input,
     configured: str | None,
     configured_datum: str | None,
-    bounds: tuple[float, float, float, float],
+    bounds: Bounds,
     override: bool = False,
 ) -> tuple[pyproj.CRS | None, str, float]:
     """Return horizontal system (None: local), height system's name, metres per unit of height."""
@@ -97,7 +98,7 @@ def _stated_crs(dataset: Any, file: Input) -> pyproj.CRS | None:
     return None if crs.is_engineering else crs
 
 
-def _check_plane(plane: pyproj.CRS, file: Input, bounds: tuple[float, float, float, float]) -> None:
+def _check_plane(plane: pyproj.CRS, file: Input, bounds: Bounds) -> None:
     """Refuse what cannot be measured in metres, or cannot be where it says it is."""
     metres = "a projected system in metres"
     wrong = partial(InputError, file=file, field="terrain.crs")

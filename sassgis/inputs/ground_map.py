@@ -152,12 +152,11 @@ def ground_raster(
     of a raster of codes; where nothing is said, the default class. What the file holds must meet
     the ``whole`` terrain model of which the grid is a part; its heights are not looked at.
     """
-    default = default_class(ground, table)
     if ground.file is None:
-        return np.full(grid.shape, default, dtype=np.int32)
+        return np.full(grid.shape, default_class(ground, table), dtype=np.int32)
     if ground.raster_classes is not None:
-        return _from_codes(ground, ground.file, grid, table, default, whole is not None)
-    return _from_polygons(ground, ground.file, grid, table, default, whole or grid)
+        return _from_codes(ground, ground.file, grid, table, whole is not None)
+    return _from_polygons(ground, ground.file, grid, table, whole or grid)
 
 
 def default_class(ground: GroundSettings, table: GroundTable) -> int:
@@ -172,8 +171,9 @@ def _class_index(name: str, table: GroundTable, who: str, file: Input | None, fi
 
 
 def _from_polygons(
-    ground: GroundSettings, file: Input, grid: Grid, table: GroundTable, default: int, whole: Grid
+    ground: GroundSettings, file: Input, grid: Grid, table: GroundTable, whole: Grid
 ) -> NDArray[np.int32]:
+    default = default_class(ground, table)
     if _is_raster(file):
         expected = 'ground.raster_classes beside it, such as {1 = "rock", 2 = "debris"}'
         raise InputError("is a raster", file=file, field="ground.file", expected=expected)
@@ -208,17 +208,12 @@ def _is_raster(file: Input) -> bool:
 
 
 def _from_codes(
-    ground: GroundSettings,
-    file: Input,
-    grid: Grid,
-    table: GroundTable,
-    default: int,
-    may_miss: bool,
+    ground: GroundSettings, file: Input, grid: Grid, table: GroundTable, may_miss: bool
 ) -> NDArray[np.int32]:
-    classes = ground.raster_classes or {}
+    default, field = default_class(ground, table), "ground.raster_classes"
     indices = {
-        code: _class_index(name, table, f"class of code {code}", file, "ground.raster_classes")
-        for code, name in classes.items()
+        code: _class_index(name, table, f"class of code {code}", file, field)
+        for code, name in (ground.raster_classes or {}).items()
     }
     aligned = on_cells(file, grid, "ground.file", partial(_codes, file=file), _NO_CODE)
     present, counts = np.unique(aligned, return_counts=True)
@@ -233,7 +228,7 @@ def _from_codes(
         if code not in indices:
             codes = ", ".join(map(str, sorted(indices)))
             raise InputError(
-                "holds a code without a class", file=file, field="ground.raster_classes",
+                "holds a code without a class", file=file, field=field,
                 found=f"code {code} in {count} cells",
                 expected=f"a class for it; known codes: {codes}",
             )  # fmt: skip

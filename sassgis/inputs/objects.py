@@ -280,17 +280,15 @@ def _touched(shape: Any, grid: Grid) -> IntArray:
         x, y = shapely.get_coordinates(shape).T
         cells = np.unique(grid.cell_of(x, y))
     elif dimension == 1:
-        cells = np.unique(cell_stretches(grid, _trace(shape))[2])
+        x, y = np.ascontiguousarray(without_repeats(shapely.get_coordinates(shape)).T)
+        s = np.append(0.0, np.cumsum(np.hypot(np.diff(x), np.diff(y))))
+        line = TraceSet(
+            np.array([0, s.size]), x, y, s, np.zeros(1, np.int64), np.zeros(1, np.uint8)
+        )
+        cells = np.unique(cell_stretches(grid, line)[2])
     else:
         return _under_polygon(shape, grid)
     return cells[cells >= 0]
-
-
-def _trace(line: Any) -> TraceSet:
-    x, y = np.ascontiguousarray(without_repeats(shapely.get_coordinates(line)).T)
-    s = np.append(0.0, np.cumsum(np.hypot(np.diff(x), np.diff(y))))
-    offset, point = np.array([0, s.size], np.int64), np.zeros(1, np.int64)
-    return TraceSet(offset=offset, x=x, y=y, s=s, point=point, end=np.zeros(1, np.uint8))
 
 
 def _under_polygon(shape: Any, grid: Grid) -> IntArray:

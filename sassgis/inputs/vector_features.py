@@ -23,7 +23,7 @@ from sassgis.files.digests import Stamp
 from sassgis.files.gdal_safety import VECTOR, layers_of, read_frame, vector_file, with_composed
 from sassgis.files.input_parts import stamps_of
 from sassgis.files.plain_file import check_file, check_text, in_memory, number
-from sassgis.grid import FloatArray, Grid
+from sassgis.grid import Bounds, FloatArray, Grid
 from sassgis.inputs.dem import burnt, system_of
 from sassgis.inputs.dem_system import beyond_degrees, extent_text
 from sassgis.settings.crs import crs_name, crs_parts, same_crs
@@ -292,15 +292,18 @@ def onto_grid(
             expected="its true coordinate system",
         )
     plane, _ = crs_parts(own)
-    if same_crs(plane, target):
-        moved = list(shapes)
-    else:
-        moved = _reprojected(shapes, plane, target, file, place, labels)
+    moved, move = list(shapes), None
+    if not same_crs(plane, target):
+        move = pyproj.Transformer.from_crs(plane, target, always_xy=True)
+        expected = f"coordinates that {target.name} can express"
+        lost = partial(wrong, found=str(plane.name), expected=expected)
+        moved = _reprojected(shapes, move, labels, lost)
         systems = f"from {plane.name} to {crs_name(grid.crs)}"
         notice(f"{file}: reprojected {systems}", "info")
     if not _meets(moved, grid):
         error = outside(file, place, labels[0], _bounds(moved), grid)
-        if plane.is_geographic and _meets_swapped(shapes, plane, target, grid):
+        lat, lon = shapely.get_coordinates(list(shapes)).T
+        if move and plane.is_geographic and (grid.cell_of(*move.transform(lon, lat)) >= 0).any():
             found, expected = extent_text(*bounds), "longitude first"
             error = wrong("latitude and longitude are swapped", found=found, expected=expected)
         raise error
@@ -308,42 +311,25 @@ def onto_grid(
 
 
 def _reprojected(
-    shapes: Sequence[Any],
-    source: pyproj.CRS,
-    target: pyproj.CRS,
-    file: Input,
-    place: str,
-    labels: Sequence[str],
+    shapes: Sequence[Any], move: pyproj.Transformer, labels: Sequence[str], wrong: Any
 ) -> list[Any]:
-    expected = f"coordinates that {target.name} can express"
-    wrong = partial(InputError, file=file, field=place, expected=expected)
+    """Return geometries in other coordinates; ``wrong`` makes an error of a problem."""
     problem = "cannot be brought into the coordinates of the DEM"
-    transformer = pyproj.Transformer.from_crs(source, target, always_xy=True)
 
-    def move(points: FloatArray) -> FloatArray:
-        x, y = transformer.transform(points[:, 0], points[:, 1])
-        return np.column_stack([x, y])
+    def moved_points(points: FloatArray) -> FloatArray:
+        return np.column_stack(move.transform(points[:, 0], points[:, 1]))
 
     try:
-        moved = [shapely.transform(g, move) for g in shapes]
+        moved = [shapely.transform(g, moved_points) for g in shapes]
     except ProjError as error:
         raise wrong(problem, found=str(error)) from None
     for shape, who in zip(moved, labels, strict=True):
         if not np.isfinite(shapely.get_coordinates(shape)).all() or not shape.is_valid:
-            raise wrong(f"{who} {problem}", found=str(source.name))
+            raise wrong(f"{who} {problem}")
     return moved
 
 
-def _meets_swapped(
-    shapes: Sequence[Any], source: pyproj.CRS, target: pyproj.CRS, grid: Grid
-) -> bool:
-    transformer = pyproj.Transformer.from_crs(source, target, always_xy=True)
-    points = shapely.get_coordinates(list(shapes))
-    x, y = transformer.transform(points[:, 1], points[:, 0])
-    return bool((grid.cell_of(x, y) >= 0).any())
-
-
-def _bounds(shapes: Iterable[Any]) -> tuple[float, float, float, float]:
+def _bounds(shapes: Iterable[Any]) -> Bounds:
     west, south, east, north = shapely.total_bounds(list(shapes)).tolist()
     return west, south, east, north
 
@@ -352,13 +338,7 @@ def _meets(shapes: Sequence[Any], grid: Grid) -> bool:
     return bool(shapely.intersects(np.array(shapes, dtype=object), shapely.box(*grid.bounds)).any())
 
 
-def outside(
-    file: Input | None,
-    place: str,
-    label: str,
-    bounds: tuple[float, float, float, float],
-    grid: Grid,
-) -> InputError:
+def outside(file: Input | None, place: str, label: str, bounds: Bounds, grid: Grid) -> InputError:
     """Return the error for a feature beyond the DEM."""
     found, expected = extent_text(*bounds), f"within {extent_text(*grid.bounds)}"
     problem = f"{label} lies outside the DEM"
