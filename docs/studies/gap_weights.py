@@ -488,12 +488,10 @@ def by_generator() -> str:
         "null_right": "no effect, and none is answered",
         "unknown_named": "no known effect, yet one is named",
         "wrong_named": "an effect, yet another one is named",
-        "family_full": "family right, where it could be seen: 100 rocks, everything",
-        "group_full": "group right, where it could be seen: 100 rocks, everything",
-        "family_modest": "family right, where it could be seen: 40 rocks, stations and stops",
-        "group_modest": "group right, where it could be seen: 40 rocks, stations and stops",
-        "family_full_all": "family right, seen or not: 100 rocks, everything",
-        "family_modest_all": "family right, seen or not: 40 rocks, stations and stops",
+        "family_full": "effect right, where it could be seen: 100 rocks, everything",
+        "family_modest": "effect right, where it could be seen: 40 rocks, stations and stops",
+        "family_full_all": "effect right, seen or not: 100 rocks, everything",
+        "family_modest_all": "effect right, seen or not: 40 rocks, stations and stops",
         "pair_one_none_wrong": "two effects: one right and none wrong",
         "confident_right": "right where the confidence is 0.6 or more",
         "none_while_large": "large gaps, answer none",
@@ -539,20 +537,24 @@ def confusion() -> str:
 
 
 def against() -> str:
-    """What speaks against the base at sites without an effect, by how many of them."""
+    """What speaks against the base at sites without an effect, by comparison and generator."""
     own = [r for r in read_rows() if not r["effects"]]
     sites = Counter(row["law"] for row in own)
-    counts = Counter(
-        (one, row["law"]) for row in own for one in filter(None, row["against"].split("; "))
-    )
+    found = {
+        (row["law"], row["site"], *one.split(": ")) for row in own
+        for one in filter(None, row["against"].split("; "))
+    }  # fmt: skip
+    counts = Counter((test, law) for law, _, test in {key[:3] for key in found})
+    names: dict[str, Counter[str]] = {}
+    for _, _, test, quantity in found:
+        names.setdefault(test, Counter())[quantity_name(quantity)] += 1
     rows = []
-    for one in sorted(
-        {name for name, _ in counts}, key=lambda n: (-sum(counts[n, w] for w in LAWS), n)
-    ):
-        test, _, quantity = one.partition(": ")
-        cells = [f"{counts[one, law]}/{sites[law]}" for law in LAWS]
-        rows.append(" | ".join([test, quantity_name(quantity), *cells]))
-    return table(" | ".join(["comparison", "quantity", *LAWS]), rows)
+    for test in sorted(names, key=lambda t: (-sum(counts[t, law] for law in LAWS), t)):
+        most = sorted(names[test].items(), key=lambda item: (-item[1], item[0]))
+        shown = ", ".join(f"{name} {n}" for name, n in most)
+        cells = (f"{counts[test, law]}/{sites[law]}" for law in LAWS)
+        rows.append(" | ".join([test, shown, *cells]))
+    return table(" | ".join(["comparison", "quantity and sites", *LAWS]), rows)
 
 
 def adequacy() -> str:
