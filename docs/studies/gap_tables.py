@@ -74,18 +74,6 @@ def gap(value: float, limits: list[float]) -> str:
     return f"{metres(value)} ({metres(limits[0])} to {metres(limits[1])})"
 
 
-def which(case: str) -> str:
-    """Hypotheses of a diagnosis on halves, most probable first."""
-    found = results(case).get("splits", {}).get("halves")
-    if found is None:
-        return NONE
-    rows = (
-        f"{c['effect']} | {c['form']} | {number(c['gain'], 2)} | {number(c['probability'], 2)}"
-        for c in found["which"][:6]
-    )
-    return table("effect | form | gain in energy score | probability", rows)
-
-
 def verdict(case: str) -> str:
     """First sentences, and the answer of each split."""
     splits = results(case).get("splits", {})
@@ -204,11 +192,10 @@ TABLES = {
         f"{case} {name}": partial(made, case)
         for case in ("tschamut", "authume")
         for name, made in (
-            ("uncalibrated", untuned), ("verdict", verdict), ("ladder", ladder), ("which", which),
+            ("uncalibrated", untuned), ("verdict", verdict), ("ladder", ladder),
             ("held out", left_out),
         )
     },
-    "chant_sura verdict": partial(verdict, "chant_sura"),
     "chant_sura contacts": contacts,
     "chant_sura scars": scars,
     "authume program": program,

@@ -573,19 +573,6 @@ def adequacy() -> str:
     return table(" | ".join(["", "all", *LAWS]), rows)
 
 
-def spins() -> str:
-    """Factors on the spins that contacts teach, and scatters, by generator."""
-    sites = [row for row in read_rows(LEVEL) if row["spins"]]
-    rows = []
-    for column, name in (("spins", "factor"), ("scatter", "scatter")):
-        shown = [name]
-        for law in LAWS:
-            own = sorted(float(row[column]) for row in sites if row["law"] == law)
-            shown.append(f"{own[0]:.2f} to {own[-1]:.2f} ({len(own)} sites)" if own else "–")
-        rows.append(" | ".join(shown))
-    return table(" | ".join(["", *LAWS]), rows)
-
-
 def level() -> str:
     """Campaigns of a model that the check calls inadequate for that model, by generator."""
     sites = read_rows(LEVEL)
@@ -620,7 +607,7 @@ def filled(text: str) -> str:
     """The page with its tables."""
     tables = {
         "laws": by_generator, "confusion": confusion, "level": level, "against": against,
-        "reached": reached, "adequacy": adequacy, "spins": spins,
+        "reached": reached, "adequacy": adequacy,
     }  # fmt: skip
     for name, made in tables.items():
         text = between_marks(text, name, made())
