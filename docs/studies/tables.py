@@ -534,6 +534,37 @@ def speed_canton() -> str:
     )
 
 
+def changed_shares(own: pd.Series[float]) -> str:
+    """What is stated, and what another sample changes."""
+    shares = (f"{100 * own[key]:.1f} %" for key in ("stated", "cells", "zones"))
+    marked = (f"{100 * own[key]:.0f} %" for key in ("flagged", "caught"))
+    return " | ".join([*shares, *marked])
+
+
+CHANGED = (
+    "stated | levels of cells | zones as drawn | marked, of the zoned area | "
+    "of what changes, marked"
+)
+
+
+def zone_seeds() -> str:
+    """Changes by another sample, by site and number of blocks."""
+    rows = (
+        f"{own['site']} | {own['times']} × | {changed_shares(own)} | {own['found']} of {own['pairs']}"
+        for _, own in rows_of("zone_seeds/seeds").iterrows()
+    )
+    return table(f"site | blocks | {CHANGED} | `compare` finds a change", rows)
+
+
+def zone_seeds_auto() -> str:
+    """The same with as many blocks as the map needs."""
+    rows = (
+        f"{own['site']} | {own['blocks']:,.0f} | {own['minutes']:.1f} min | {changed_shares(own)}"
+        for _, own in rows_of("zone_seeds/auto").iterrows()
+    )
+    return table(f"site | blocks | processor time | {CHANGED}", rows)
+
+
 def calibration_coverage() -> str:
     """Ranks of the truth, and how often intervals hold it."""
     rows = []
@@ -727,8 +758,8 @@ TABLES = {
     **{
         made.__name__.replace("_", " "): made
         for made in (
-            calibration_coverage, sampling, sampling_decided, discretisation_lines,
-            discretisation_splitting, field_untuned, field_site_bands, field_left_out, field_groups,
+            calibration_coverage, zone_seeds, zone_seeds_auto, sampling, sampling_decided,
+            discretisation_lines, discretisation_splitting, field_untuned, field_site_bands, field_left_out, field_groups,
             field_published, field_gain, field_bands, field_repeated, field_mass, field_parameters,
             field_widths, contacts_filmed, contacts_program, safety_kills, safety_fuzz,
             safety_extremes, speed_slope, speed_together, speed_effects, speed_limits, speed_spots,
