@@ -550,7 +550,8 @@ CHANGED = (
 def zone_seeds() -> str:
     """Changes by another sample, by site and number of blocks."""
     rows = (
-        f"{own['site']} | {own['times']} × | {changed_shares(own)} | {own['found']} of {own['pairs']}"
+        f"{own['site']} | {own['times']} × | {changed_shares(own)} | "
+        f"{own['found']} of {own['pairs']}"
         for _, own in rows_of("zone_seeds/seeds").iterrows()
     )
     return table(f"site | blocks | {CHANGED} | `compare` finds a change", rows)
@@ -759,10 +760,10 @@ TABLES = {
         made.__name__.replace("_", " "): made
         for made in (
             calibration_coverage, zone_seeds, zone_seeds_auto, sampling, sampling_decided,
-            discretisation_lines, discretisation_splitting, field_untuned, field_site_bands, field_left_out, field_groups,
-            field_published, field_gain, field_bands, field_repeated, field_mass, field_parameters,
-            field_widths, contacts_filmed, contacts_program, safety_kills, safety_fuzz,
-            safety_extremes, speed_slope, speed_together, speed_effects, speed_limits, speed_spots,
+            discretisation_lines, discretisation_splitting, field_untuned, field_site_bands,
+            field_left_out, field_groups, field_published, field_gain, field_bands,
+            field_repeated, field_mass, field_parameters, field_widths, contacts_filmed,
+            contacts_program, safety_kills, safety_fuzz, safety_extremes, speed_slope, speed_together, speed_effects, speed_limits, speed_spots,
             speed_peers, speed_canton, speed_routed, kinematics_tschamut, kinematics_halves,
             kinematics_wheel, kinematics_slopes, kinematics_fan, tirol,
         )
