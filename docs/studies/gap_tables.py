@@ -17,6 +17,11 @@ from study_tables import table
 
 HERE = Path(__file__).parent
 NONE = "*Not diagnosed.*"
+SIDES = ("observed", "predicted")
+#: Other forms keep what the base keeps, within a few per cent.
+UNCALIBRATED = (
+    "base", "base, shortest axis in the plane", "base on debris", "base on rock",
+)  # fmt: skip
 
 
 def results(case: str) -> dict[str, Any]:
@@ -45,15 +50,17 @@ def untuned(case: str) -> str:
     """Observed and predicted stops by group."""
     rows = []
     for group, one in results(case)["untuned"].items():
-        for quantity, word in (("runout_m", "run-out"), ("aside_m", "lateral offset")):
-            q = one[quantity]
-            rocks = f"{group} ({one['rocks']})" if quantity == "runout_m" else ""
-            rows.append(
-                f"{rocks} | {word} | {quantiles(q['observed'])} | {quantiles(q['predicted'])} | "
-                f"{gap(q['gap'], q['ci95'])} | {number(q['p_adjusted'], 2)}"
-            )
+        run_out, lateral = one["runout_m"], one["aside_m"]
+        sides = (f"{metres(q[0])} to {metres(q[2])}" for q in map(lateral.get, SIDES))
+        rows.append(
+            f"{group} ({one['rocks']}) | {' | '.join(quantiles(run_out[s]) for s in SIDES)} | "
+            f"{gap(run_out['gap'], run_out['ci95'])} | {' | '.join(sides)} | "
+            f"{gap(lateral['gap'], lateral['ci95'])}"
+        )
     return table(
-        "rocks | (m) | observed 10 / 50 / 90 % | predicted | gap of the mean (95 %) | p", rows
+        "rocks | run-out observed, 10 / 50 / 90 % (m) | predicted | gap of the mean (95 %) | "
+        "lateral offset observed, 10 to 90 % | predicted | gap of the mean (95 %)",
+        rows,
     )
 
 
@@ -65,18 +72,6 @@ def quantiles(values: list[float]) -> str:
 def gap(value: float, limits: list[float]) -> str:
     """A gap with its interval."""
     return f"{metres(value)} ({metres(limits[0])} to {metres(limits[1])})"
-
-
-def which(case: str) -> str:
-    """Hypotheses of a diagnosis on halves, most probable first."""
-    found = results(case).get("splits", {}).get("halves")
-    if found is None:
-        return NONE
-    rows = (
-        f"{c['effect']} | {c['form']} | {number(c['gain'], 2)} | {number(c['probability'], 2)}"
-        for c in found["which"][:6]
-    )
-    return table("effect | form | gain in energy score | probability", rows)
 
 
 def verdict(case: str) -> str:
@@ -97,73 +92,65 @@ def verdict(case: str) -> str:
 def ladder(case: str) -> str:
     """Rungs of each split, on rocks left out of the calibration."""
 
-    def share(one: dict[str, Any]) -> str:
+    def shown(one: dict[str, Any]) -> str:
         if one["share"] is None:
-            return "–"
-        low, high = one["ci95"]
-        return f"{100 * one['share']:.0f} % ({100 * low:.0f} to {100 * high:.0f})".replace("-", "−")
+            return number(one["distance"])
+        low, high = (f"{100 * v:.0f}".replace("-", "−") for v in one["ci95"])
+        return f"{number(one['distance'])}: {100 * one['share']:.0f} % ({low} to {high})"
 
-    rows = [
-        f"{'' if k else split} | {r['rung'].replace('_', ' ')} | {number(r['distance'])} | "
-        f"{share(r)}"
-        for split, one in results(case).get("splits", {}).items()
-        for k, r in enumerate(one["ladder"])
-    ]
-    head = "split | rung | energy distance | share of the gap (95 %)"
-    return table(head, rows) if rows else NONE
+    splits = results(case).get("splits", {})
+    cells: dict[str, dict[str, str]] = {}
+    for split, one in splits.items():
+        for r in one["ladder"]:
+            cells.setdefault(r["rung"].replace("_", " "), {})[split] = shown(r)
+    head = "energy distance: share of the gap (95 %)"
+    rows = (" | ".join([rung, *(own.get(s, "–") for s in splits)]) for rung, own in cells.items())
+    return table(" | ".join([head, *splits]), rows) if splits else NONE
 
 
 def left_out(case: str) -> str:
-    """What was calibrated and handed over, on held-out rocks."""
+    """What was calibrated and handed over, on held-out rocks; equal results in one row."""
     rows = []
     for split, one in results(case).get("splits", {}).items():
+        models: dict[str, list[str]] = {}
         for model, q in one["left_out"].items():
-            name = f" | `{model}`"
-            if model == "uncalibrated":
-                name = f"{split} ({q['rocks']}) | {model}"
-            distances = ("crps_m", "energy_distance_m", "aside_energy_distance_m")
-            rows.append(
-                f"{name} | {quantiles(q['predicted'])} | {gap(q['gap_m'], q['ci95'])} | "
-                f"{' | '.join(metres(q[k]) for k in distances)} | {100.0 * q['to_the_end']:.0f} %"
-            )
-        seen = quantiles(one["left_out"]["uncalibrated"]["observed"])
-        rows.append(f" | *observed* | {seen} |  |  |  |  | ")
+            distances = " | ".join(metres(q[k]) for k in ("crps_m", "energy_distance_m"))
+            cells = f"{quantiles(q['predicted'])} | {gap(q['gap_m'], q['ci95'])} | {distances}"
+            name = model if model == "uncalibrated" else f"`{model}`"
+            models.setdefault(cells, []).append(name)
+        seen = one["left_out"]["uncalibrated"]
+        rows.append(
+            f"{split} ({seen['rocks']}) | *observed* | {quantiles(seen['observed'])} |  |  | "
+        )
+        rows += [f" | {', '.join(names)} | {cells}" for cells, names in models.items()]
     head = (
         "held out | model | run-out 10 / 50 / 90 % (m) | mean gap (m, 95 %) | CRPS (m) | "
-        "energy distance (m) | the same, lateral offset (m) | to the end of the path"
+        "energy distance (m)"
     )
     return table(head, rows) if rows else NONE
 
 
-def parameters(case: str) -> str:
-    """What ``sassgis calibrate`` sets on the fitted rocks."""
-    found = {s: one["calibrated"] for s, one in results(case).get("splits", {}).items()}
-    labels = list(dict.fromkeys(label for one in found.values() for label in one))
-    return table(
-        " | ".join(["fitted on", *(f"`{label}`" for label in labels)]),
-        (
-            " | ".join([split, *(number(one.get(k), 2) for k in labels)])
-            for split, one in found.items()
-        ),
-    )
-
-
-def contacts(which_ones: str) -> str:
+def contacts() -> str:
     """Means over contacts: observed, uncalibrated, and calibrated on the contacts of other runs."""
-    found = results("chant_sura")["contacts"][which_ones]
-    means = [("observed", found["observed_mean"], "")]
-    means += [(f"default: {form}", mean, "") for form, mean in found["untuned_mean"].items()]
-    means += [
-        (f"held out: {form}", one["mean"], number(one["energy_score"]))
-        for form, one in found["left_out"].items()
-    ]
-    return table(
-        " | v_t′ (m/s) | v_n′ (m/s) | ω′ (rad/s) | energy kept | energy score",
-        (
-            f"{name} | {' | '.join(number(v, 2) for v in mean[:4])} | {score}"
-            for name, mean, score in means
-        ),
-    )
+    used, every = (results("chant_sura")["contacts"][w] for w in ("used", "all with a spin"))
+
+    def row(name: str, *means: list[float], scores: tuple[float | None, ...]) -> str:
+        pairs = [*zip(*(mean[:4] for mean in means), strict=True)]
+        cells = [f"{number(a, 2)} ({number(b, 2)})" for a, b in pairs]
+        a, b = scores
+        cells.append("" if a is None else f"{number(a)} ({number(b)})")
+        return " | ".join([name, *cells])
+
+    none = (None, None)
+    rows = [row("observed", used["observed_mean"], every["observed_mean"], scores=none)]
+    for form in UNCALIBRATED:
+        means = (found["untuned_mean"][form] for found in (used, every))
+        rows.append(row(f"default: {form}", *means, scores=none))
+    for form in used["left_out"]:
+        both = [found["left_out"][form] for found in (used, every)]
+        scores = tuple(one["energy_score"] for one in both)
+        rows.append(row(f"held out: {form}", *(one["mean"] for one in both), scores=scores))
+    return table(" | v_t′ (m/s) | v_n′ (m/s) | ω′ (rad/s) | energy kept | energy score", rows)
 
 
 def scars() -> str:
@@ -179,16 +166,25 @@ def scars() -> str:
 
 
 def program() -> str:
-    """Answers on runs of another program."""
-    rows = []
+    """Answers on runs of another program, campaigns of one kind together."""
+    kinds: dict[str, dict[str, list[float]]] = {}
     for one in results("authume_program")["campaigns"]:
         seen = "everything" if one["everything"] else "stations and stops"
         named = f" ({one['group']})" if one["effect"] == "unknown" and one["group"] else ""
-        rows.append(
-            f"{one['truth'] or 'none'} | {one['rocks']} rocks, {seen} | {one['effect']}{named} | "
-            f"{number(one['confidence'], 2)}".replace("_", " ")
-        )
-    return table("put on the runs | observed | answer (group) | confidence", rows)
+        kind = f"{one['truth'] or 'none'} | {one['rocks']} rocks, {seen}".replace("_", " ")
+        answer = f"{one['effect']}{named}".replace("_", " ")
+        kinds.setdefault(kind, {}).setdefault(answer, []).append(one["confidence"])
+    rows = [
+        f"{kind} | {answer} | {len(own)} | {' to '.join(spread(own))}"
+        for kind, answers in kinds.items()
+        for answer, own in answers.items()
+    ]
+    return table("put on the runs | observed | answer (group) | campaigns | confidence", rows)
+
+
+def spread(values: list[float]) -> list[str]:
+    """The least and the largest; one of them where they are equal."""
+    return list(dict.fromkeys(number(v, 2) for v in (min(values), max(values))))
 
 
 TABLES = {
@@ -196,13 +192,11 @@ TABLES = {
         f"{case} {name}": partial(made, case)
         for case in ("tschamut", "authume")
         for name, made in (
-            ("uncalibrated", untuned), ("verdict", verdict), ("ladder", ladder), ("which", which),
-            ("parameters", parameters), ("held out", left_out),
+            ("uncalibrated", untuned), ("verdict", verdict), ("ladder", ladder),
+            ("held out", left_out),
         )
     },
-    "chant_sura verdict": partial(verdict, "chant_sura"),
-    "chant_sura contacts": partial(contacts, "used"),
-    "chant_sura all contacts": partial(contacts, "all with a spin"),
+    "chant_sura contacts": contacts,
     "chant_sura scars": scars,
     "authume program": program,
 }  # fmt: skip

@@ -489,12 +489,10 @@ def by_generator() -> str:
         "null_right": "no effect, and none is answered",
         "unknown_named": "no known effect, yet one is named",
         "wrong_named": "an effect, yet another one is named",
-        "family_full": "family right, where it could be seen: 100 rocks, everything",
-        "group_full": "group right, where it could be seen: 100 rocks, everything",
-        "family_modest": "family right, where it could be seen: 40 rocks, stations and stops",
-        "group_modest": "group right, where it could be seen: 40 rocks, stations and stops",
-        "family_full_all": "family right, seen or not: 100 rocks, everything",
-        "family_modest_all": "family right, seen or not: 40 rocks, stations and stops",
+        "family_full": "effect right, where it could be seen: 100 rocks, everything",
+        "family_modest": "effect right, where it could be seen: 40 rocks, stations and stops",
+        "family_full_all": "effect right, seen or not: 100 rocks, everything",
+        "family_modest_all": "effect right, seen or not: 40 rocks, stations and stops",
         "pair_one_none_wrong": "two effects: one right and none wrong",
         "confident_right": "right where the confidence is 0.6 or more",
         "none_while_large": "large gaps, answer none",
@@ -540,20 +538,24 @@ def confusion() -> str:
 
 
 def against() -> str:
-    """What speaks against the base at sites without an effect, by how many of them."""
+    """What speaks against the base at sites without an effect, by comparison and generator."""
     own = [r for r in read_rows() if not r["effects"]]
     sites = Counter(row["law"] for row in own)
-    counts = Counter(
-        (one, row["law"]) for row in own for one in filter(None, row["against"].split("; "))
-    )
+    found = {
+        (row["law"], row["site"], *one.split(": ")) for row in own
+        for one in filter(None, row["against"].split("; "))
+    }  # fmt: skip
+    counts = Counter((test, law) for law, _, test in {key[:3] for key in found})
+    names: dict[str, Counter[str]] = {}
+    for _, _, test, quantity in found:
+        names.setdefault(test, Counter())[quantity_name(quantity)] += 1
     rows = []
-    for one in sorted(
-        {name for name, _ in counts}, key=lambda n: (-sum(counts[n, w] for w in LAWS), n)
-    ):
-        test, _, quantity = one.partition(": ")
-        cells = [f"{counts[one, law]}/{sites[law]}" for law in LAWS]
-        rows.append(" | ".join([test, quantity_name(quantity), *cells]))
-    return table(" | ".join(["comparison", "quantity", *LAWS]), rows)
+    for test in sorted(names, key=lambda t: (-sum(counts[t, law] for law in LAWS), t)):
+        most = sorted(names[test].items(), key=lambda item: (-item[1], item[0]))
+        shown = ", ".join(f"{name} {n}" for name, n in most)
+        cells = (f"{counts[test, law]}/{sites[law]}" for law in LAWS)
+        rows.append(" | ".join([test, shown, *cells]))
+    return table(" | ".join(["comparison", "quantity and sites", *LAWS]), rows)
 
 
 def adequacy() -> str:
@@ -570,19 +572,6 @@ def adequacy() -> str:
         shown = [f"{sum(int(r['adequate']) for r in part)}/{len(part)}" for part in parts]
         rows.append(" | ".join([words, *shown]))
     return table(" | ".join(["", "all", *LAWS]), rows)
-
-
-def spins() -> str:
-    """Factors on the spins that contacts teach, and scatters, by generator."""
-    sites = [row for row in read_rows(LEVEL) if row["spins"]]
-    rows = []
-    for column, name in (("spins", "factor"), ("scatter", "scatter")):
-        shown = [name]
-        for law in LAWS:
-            own = sorted(float(row[column]) for row in sites if row["law"] == law)
-            shown.append(f"{own[0]:.2f} to {own[-1]:.2f} ({len(own)} sites)" if own else "–")
-        rows.append(" | ".join(shown))
-    return table(" | ".join(["", *LAWS]), rows)
 
 
 def level() -> str:
@@ -619,7 +608,7 @@ def filled(text: str) -> str:
     """The page with its tables."""
     tables = {
         "laws": by_generator, "confusion": confusion, "level": level, "against": against,
-        "reached": reached, "adequacy": adequacy, "spins": spins,
+        "reached": reached, "adequacy": adequacy,
     }  # fmt: skip
     for name, made in tables.items():
         text = between_marks(text, name, made())

@@ -310,21 +310,19 @@ def field_published() -> str:
 
 
 def field_parameters() -> str:
-    """What calibrations on all rocks of a site say of the parameters."""
-    cells: dict[str, dict[str, str]] = {}
+    """What calibrations on all rocks of a site say of the parameters that stops show."""
+    rows = []
     for one in results("field/results")["parameters"]:
+        notes = {"identified": one["identified"], "at a limit": one["at_limit"]}
+        said = ", ".join(note for note, there in notes.items() if there)
         low, high = (rounded(v, 2) for v in one["ci95"])
-        best = rounded(one["value"], 2)
-        text = f"{rounded(one['configured'], 2)}: {best} ({low} to {high})"
-        text += ", at a limit" if one["at_limit"] else ""
-        column = f"{one['site']}, `{one['class']}`"
-        shown = f"**{text}**" if one["identified"] else text
-        cells.setdefault(f"`{one['parameter']}`", {})[column] = shown
-    columns = list(dict.fromkeys(column for own in cells.values() for column in own))
-    return table(
-        " | ".join(["", *columns]),
-        (" | ".join([name, *(own.get(c, "") for c in columns)]) for name, own in cells.items()),
-    )
+        if said:
+            rows.append(
+                f"{one['site']}: `{one['class']}` | `{one['parameter']}` | "
+                f"{rounded(one['configured'], 2)} | {rounded(one['value'], 2)} | {low} to {high} | "
+                f"{said}"
+            )
+    return table("site and class | parameter | shipped | best | 95 % | ", rows)
 
 
 def field_widths() -> str:
@@ -472,14 +470,14 @@ def speed_effects() -> str:
 
 
 def speed_limits() -> str:
-    """What the parts of a simulation cost."""
+    """What the parts of a simulation cost: those that take time, their sum, the engine."""
     labels = {"sum": "sum of the parts", "engine": "the engine"}
     rows = []
     for name, one in results("speed/limits").items():
-        per_block = f"{one['per_block']:.1f}" if one.get("per_block") else ""
-        each = f"{one['ns']:.0f}" if "ns" in one else ""
-        whole = f"{one['us']:.1f}" if one["us"] else ""
-        rows.append(f"{labels.get(name, name)} | {per_block} | {each} | {whole}")
+        if one["us"]:
+            per_block = f"{one['per_block']:.1f}" if "per_block" in one else ""
+            each = f"{one['ns']:.0f}" if "ns" in one else ""
+            rows.append(f"{labels.get(name, name)} | {per_block} | {each} | {one['us']:.1f}")
     return table("part | for each block | ns each | µs for each block", rows)
 
 
@@ -534,6 +532,38 @@ def speed_canton() -> str:
             for one in (*results("speed/growth"), *results("speed/canton"))
         ),
     )
+
+
+def changed_shares(own: pd.Series[float]) -> str:
+    """What is stated, and what another sample changes."""
+    shares = (f"{100 * own[key]:.1f} %" for key in ("stated", "cells", "zones"))
+    marked = (f"{100 * own[key]:.0f} %" for key in ("flagged", "caught"))
+    return " | ".join([*shares, *marked])
+
+
+CHANGED = (
+    "stated | levels of cells | zones as drawn | marked, of the zoned area | "
+    "of what changes, marked"
+)
+
+
+def zone_seeds() -> str:
+    """Changes by another sample, by site and number of blocks."""
+    rows = (
+        f"{own['site']} | {own['times']} × | {changed_shares(own)} | "
+        f"{own['found']} of {own['pairs']}"
+        for _, own in rows_of("zone_seeds/seeds").iterrows()
+    )
+    return table(f"site | blocks | {CHANGED} | `compare` finds a change", rows)
+
+
+def zone_seeds_auto() -> str:
+    """The same with as many blocks as the map needs."""
+    rows = (
+        f"{own['site']} | {own['blocks']:,.0f} | {own['minutes']:.1f} min | {changed_shares(own)}"
+        for _, own in rows_of("zone_seeds/auto").iterrows()
+    )
+    return table(f"site | blocks | processor time | {CHANGED}", rows)
 
 
 def calibration_coverage() -> str:
@@ -681,24 +711,18 @@ def kinematics_wheel() -> str:
 
 
 def kinematics_slopes() -> str:
-    """95 % of speeds and heights on even slopes: a row for each class and size."""
-    cells: dict[str, list[tuple[float, float]]] = {}
-    slopes = []
-    for one in results("kinematics/results")["slopes"]:
-        if one["drop_m"] == 200.0:
-            own = cells.setdefault(f"{one['class']} | {one['volume_m3']:g}", [])
-            own.append((one["speed"][1], one["height"][1]))
-            slopes.append(f"{one['slope_deg']:.0f}°")
-    at = " / ".join(dict.fromkeys(slopes))
-    rows = []
-    for label, own in cells.items():
-        speeds, heights = zip(*own, strict=True)
-        lists = (
-            " / ".join(f"{v:.0f}" for v in speeds),
-            " / ".join(f"{v:.1f}" for v in heights),
-        )
-        rows.append(" | ".join([label, *lists]))
-    return table(f"class | volume (m³) | speed at {at} (m/s) | height (m)", rows)
+    """95 % of speeds and heights on even slopes: a row for each class, a column for each size."""
+    cells: dict[str, dict[str, list[str]]] = {}
+    found = [one for one in results("kinematics/results")["slopes"] if one["drop_m"] == 200.0]
+    for quantity, spec in (("speed", ".0f"), ("height", ".1f")):
+        for one in found:
+            own = cells.setdefault(one["class"], {})
+            column = f"{quantity}, {one['volume_m3']:g} m³"
+            own.setdefault(column, []).append(format(one[quantity][1], spec))
+    slopes = dict.fromkeys(f"{one['slope_deg']:.0f}" for one in found)
+    columns = next(iter(cells.values()))
+    rows = (" | ".join([name, *map(" / ".join, own.values())]) for name, own in cells.items())
+    return table(" | ".join([f"class; at {' / '.join(slopes)}°", *columns]), rows)
 
 
 def kinematics_fan() -> str:
@@ -735,11 +759,11 @@ TABLES = {
     **{
         made.__name__.replace("_", " "): made
         for made in (
-            calibration_coverage, sampling, sampling_decided, discretisation_lines,
-            discretisation_splitting, field_untuned, field_site_bands, field_left_out, field_groups,
-            field_published, field_gain, field_bands, field_repeated, field_mass, field_parameters,
-            field_widths, contacts_filmed, contacts_program, safety_kills, safety_fuzz,
-            safety_extremes, speed_slope, speed_together, speed_effects, speed_limits, speed_spots,
+            calibration_coverage, zone_seeds, zone_seeds_auto, sampling, sampling_decided,
+            discretisation_lines, discretisation_splitting, field_untuned, field_site_bands,
+            field_left_out, field_groups, field_published, field_gain, field_bands,
+            field_repeated, field_mass, field_parameters, field_widths, contacts_filmed,
+            contacts_program, safety_kills, safety_fuzz, safety_extremes, speed_slope, speed_together, speed_effects, speed_limits, speed_spots,
             speed_peers, speed_canton, speed_routed, kinematics_tschamut, kinematics_halves,
             kinematics_wheel, kinematics_slopes, kinematics_fan, tirol,
         )

@@ -3,8 +3,9 @@
 ``python docs/studies/zone_seeds.py samples DATA -o FOLDER`` simulates the sample valley, and two
 terrain models of Land Tirol in DATA, with twenty seeds each, and keeps the hazard curves; and the
 valley and one of the terrain models with ``hazard.blocks = "auto"``, with two seeds each.
-``python docs/studies/zone_seeds.py page FOLDER`` compares the seeds, also several of them joined to
-one sample, and writes the tables into ``docs/studies/zone_seeds.md``.
+``python docs/studies/zone_seeds.py compare FOLDER`` compares the seeds, also several of them joined
+to one sample, and writes ``docs/studies/zone_seeds/*.csv``; ``python docs/studies/tables.py`` puts
+them into the page.
 """
 
 from __future__ import annotations
@@ -18,7 +19,7 @@ from tempfile import TemporaryDirectory
 
 import numpy as np
 
-from docs.studies.study_tables import replaced
+from docs.studies.study_tables import write_csv
 from docs.studies.tirol import config_of
 from sassgis.grid import Grid
 from sassgis.hazard.assess import curves_of, level_zones, raster
@@ -47,6 +48,8 @@ GIVEN = {"hazard.blocks": "given", "hazard.changed_share_max": None, "release.ro
 NEEDED = {"hazard.blocks": "auto", "hazard.changed_share_max": 0.02, "release.rocks_per_point": 20}
 #: Sites with as many blocks as their maps need, and how many seeds of each.
 AUTO, AUTO_SEEDS = ("valley", "avaKot"), 2
+
+Row = dict[str, str | float]
 
 
 def configs(data: Path, out: Path) -> dict[str, Path]:
@@ -179,22 +182,10 @@ def row_of(samples: Sequence[HazardCurves], grid: Grid, preset: HazardPreset) ->
     }  # fmt: skip
 
 
-def shown(own: dict[str, float]) -> str:
-    """What both tables say of a row."""
-    shares = (f"{100 * own[key]:.1f} %" for key in ("stated", "cells", "zones"))
-    marked = (f"{100 * own[key]:.0f} %" for key in ("flagged", "caught"))
-    return " | ".join([*shares, *marked, f"{own['area_m2']:,.0f}"])
-
-
-def table(folder: Path) -> str:
+def compared(folder: Path) -> list[Row]:
     """Rows of all sites and numbers of blocks."""
     preset = read_preset("ch-so")
-    rows = [
-        "| site | blocks | one block is once in … years at most | stated | levels of cells | "
-        "zones as drawn | marked as uncertain | of what changes, marked | zoned (m²) | "
-        "`compare` finds a change |",
-        "|---|---|---|---|---|---|---|---|---|---|",
-    ]
+    rows = []
     for site in ("valley", "avaMal", "avaKot"):
         read = [read_sample(folder / f"{site}_{k}.npz") for k in range(1, SEEDS + 1)]
         grid = read[0][1]
@@ -203,23 +194,15 @@ def table(folder: Path) -> str:
                 joined([c for c, _ in read[k : k + times]])
                 for k in range(0, SEEDS - times + 1, times)
             ]
-            own = row_of(parts, grid, preset)
-            rows.append(
-                f"| {site} | {times} × | {own['one_block_years']:,.0f} | {shown(own)} | "
-                f"{own['found']} of {own['pairs']} |"
-            )
+            rows.append({"site": site, "times": times, **row_of(parts, grid, preset)})
             print(rows[-1], flush=True)
-    return "\n".join(rows)
+    return rows
 
 
-def auto_table(folder: Path) -> str:
+def compared_auto(folder: Path) -> list[Row]:
     """Rows of the sites with as many blocks as their maps need."""
     preset = read_preset("ch-so")
-    rows = [
-        "| site | blocks | processor time | stated | levels of cells | zones as drawn | "
-        "marked as uncertain | of what changes, marked | zoned (m²) |",
-        "|---|---|---|---|---|---|---|---|---|",
-    ]
+    rows = []
     for site in AUTO:
         files = [folder / f"{site}_auto_{k}.npz" for k in range(1, AUTO_SEEDS + 1)]
         read = [read_sample(file) for file in files]
@@ -227,16 +210,11 @@ def auto_table(folder: Path) -> str:
         blocks, seconds = (
             np.mean([float(np.load(file)[key]) for file in files]) for key in ("blocks", "seconds")
         )
-        rows.append(f"| {site} | {blocks:,.0f} | {seconds / 60:.1f} min | {shown(own)} |")
+        kept = {key: own[key] for key in list(own)[:6]}
+        counts = {"blocks": float(blocks), "minutes": float(seconds) / 60}
+        rows.append({"site": site, **counts, **kept})
         print(rows[-1], flush=True)
-    return "\n".join(rows)
-
-
-def page(folder: Path) -> None:
-    """Write the tables into the page."""
-    file = Path(__file__).with_suffix(".md")
-    for name, made in (("seeds", table), ("auto", auto_table)):
-        replaced(file, name, made(folder))
+    return rows
 
 
 def main() -> None:
@@ -246,10 +224,13 @@ def main() -> None:
     made = command.add_parser("samples")
     made.add_argument("data", type=Path)
     made.add_argument("-o", "--output", type=Path, required=True)
-    command.add_parser("page").add_argument("folder", type=Path)
+    command.add_parser("compare").add_argument("folder", type=Path)
     given = parser.parse_args()
-    if given.command == "page":
-        page(given.folder)
+    if given.command == "compare":
+        out = Path(__file__).with_suffix("")
+        out.mkdir(exist_ok=True)
+        write_csv(out / "seeds.csv", compared(given.folder))
+        write_csv(out / "auto.csv", compared_auto(given.folder))
     else:
         given.output.mkdir(parents=True, exist_ok=True)
         samples(given.data, given.output)

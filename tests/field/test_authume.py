@@ -113,8 +113,9 @@ def test_the_page_says_what_the_script_found(repository: Path) -> None:
     ]
     wanted = [
         [*observed, predicted]
-        for key in ("plan_m", "chainage_m")
-        for observed, predicted in zip(found[key]["observed"], found[key]["predicted"], strict=True)
+        for observed, predicted in zip(
+            found["plan_m"]["observed"], found["plan_m"]["predicted"], strict=True
+        )
     ]
     np.testing.assert_allclose(rows, wanted, atol=0.06)
     for name, other in found["other_readings"].items():
