@@ -55,20 +55,20 @@ class BlockPopulation:
         positive = ["axis_1_m", "axis_2_m", "axis_3_m", "density_kgm3"]
         if self.volume_m3 is not None:
             positive.append("volume_m3")
-        for field in (*positive, "speed_mps", "spin_radps", "drop_m", "orientation_rad"):
-            low, high = getattr(self, field)
+        for key in (*positive, "speed_mps", "spin_radps", "drop_m", "orientation_rad"):
+            low, high = getattr(self, key)
             found = f"[{low:g}, {high:g}]"
             if not (np.isfinite(low) and np.isfinite(high)):
-                raise self._refused("limits must be numbers", field, (low, high))
+                raise self._refused("limits must be numbers", key, (low, high))
             if low > high:
-                raise self._refused("limits are reversed", field, found, "[low, high]")
-            if field in positive and low <= 0.0:
+                raise self._refused("limits are reversed", key, found, "[low, high]")
+            if key in positive and low <= 0.0:
                 expected = "two positive numbers, low first"
-                raise self._refused("must be above zero", field, found, expected)
-        for field in ("drop_m", "speed_mps"):
-            if getattr(self, field)[0] < 0.0:
+                raise self._refused("must be above zero", key, found, expected)
+        for key in ("drop_m", "speed_mps"):
+            if getattr(self, key)[0] < 0.0:
                 problem = "drop and speed cannot be negative"
-                raise self._refused(problem, field, None, "zero or more")
+                raise self._refused(problem, key, None, "zero or more")
         if self.volume_exponent is not None and self.volume_m3 is None:
             problem, field = "has no volumes to go with", "volume_exponent"
             raise self._refused(problem, field, self.volume_exponent, "volume_m3 as well")
