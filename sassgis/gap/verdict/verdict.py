@@ -55,7 +55,7 @@ def fingerprints(case: Case, residuals: ResidualTable) -> tuple[Fingerprint, ...
         for own in cause.statistics:
             with suppress(Unseen):
                 scores = own.scores(case, residuals)
-                z, p, n = tested_scores(scores, group)
+                z, p, n = z_of_scores(scores, group)
                 if math.isfinite(z):
                     seen.append(Fingerprint(
                         effect=cause.name, statistic=own.name, value=scores.size, z=z, p_adjusted=p,
@@ -72,7 +72,7 @@ def fingerprints(case: Case, residuals: ResidualTable) -> tuple[Fingerprint, ...
     return (*sorted(seen, key=lambda one: (one.p_adjusted, -one.z)), *unseen)
 
 
-def tested_scores(one: Scores, group: IntArray) -> tuple[float, float, int]:
+def z_of_scores(one: Scores, group: IntArray) -> tuple[float, float, int]:
     """Return z of the mean over groups, one-sided p, and groups that have a value."""
     groups = int(group.max()) + 1
     own_null = one.values.size == 1

@@ -17,7 +17,7 @@ from sassgis.gap.fit.hypothesis_fit import draw_of, space_of
 from sassgis.gap.fit.site_data import SiteData
 from sassgis.gap.observations.case import Case
 from sassgis.gap.residuals.residual_table import ResidualTable
-from sassgis.gap.verdict.verdict import tested_scores
+from sassgis.gap.verdict.verdict import z_of_scores
 
 NO_RESIDUALS: ResidualTable = None  # type: ignore[assignment]
 STATISTICS = CAUSES["measurement_error"].statistics
@@ -26,7 +26,7 @@ all_alike, passing = (own.scores for own in STATISTICS[:2])
 
 
 def sureness(case: Case, scoring: Scoring = all_alike) -> float:
-    return tested_scores(scoring(case, NO_RESIDUALS), case.group)[0]
+    return z_of_scores(scoring(case, NO_RESIDUALS), case.group)[0]
 
 
 def test_a_scale_is_seen_beyond_what_errors_of_position_make() -> None:
