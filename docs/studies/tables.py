@@ -761,11 +761,11 @@ TABLES = {
         for made in (
             calibration_coverage, zone_seeds, zone_seeds_auto, sampling, sampling_decided,
             discretisation_lines, discretisation_splitting, field_untuned, field_site_bands,
-            field_left_out, field_groups, field_published, field_gain, field_bands,
-            field_repeated, field_mass, field_parameters, field_widths, contacts_filmed,
-            contacts_program, safety_kills, safety_fuzz, safety_extremes, speed_slope, speed_together, speed_effects, speed_limits, speed_spots,
-            speed_peers, speed_canton, speed_routed, kinematics_tschamut, kinematics_halves,
-            kinematics_wheel, kinematics_slopes, kinematics_fan, tirol,
+            field_left_out, field_groups, field_published, field_gain, field_bands, field_repeated,
+            field_mass, field_parameters, field_widths, contacts_filmed, contacts_program,
+            safety_kills, safety_fuzz, safety_extremes, speed_slope, speed_together, speed_effects,
+            speed_limits, speed_spots, speed_peers, speed_canton, speed_routed, kinematics_tschamut,
+            kinematics_halves, kinematics_wheel, kinematics_slopes, kinematics_fan, tirol,
         )
     },
     **{
