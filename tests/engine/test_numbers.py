@@ -10,7 +10,7 @@ import pytest
 from helpers import engine_lab as lab
 
 from sassgis.engine.ellipse import contact_frame, inertia, mean_radius
-from sassgis.engine.impact import SCALE, energy_kept, impact, turn_about_contact
+from sassgis.engine.impact import COULOMB, SCALE, energy_kept, impact, turn_about_contact
 
 pytestmark = pytest.mark.kernels
 
@@ -278,3 +278,34 @@ def test_half_of_all_orientations_leave_the_centre_falling():
         falling += turn_about_contact(x, y, inertia(1.0, 0.76), 5.0, -5.0, 0.0)[1] < 0.0
     # Falling when ω x > 0; ω > 0 unless the normal velocity turns the rock back.
     assert 450 <= falling <= 550
+
+
+@pytest.mark.parametrize("alpha", [0, 10, 30, 45, 60, 90])
+def test_sphere_keeps_five_sevenths_of_the_tangential_share(alpha):
+    # Sphere, ω_0 = 0: η_min = (5/7) sin² α.
+    a0 = math.radians(alpha)
+    x, y, _ = contact_frame(0.5, 0.5, 1.1)
+    got = energy_kept(x, y, inertia(0.5, 0.5), 7.0 * math.sin(a0), -7.0 * math.cos(a0), 0.0)
+    assert got == pytest.approx(5.0 / 7.0 * math.sin(a0) ** 2, abs=1e-15)
+
+
+@pytest.mark.parametrize("seed", range(30))
+def test_coulomb_impact_stays_in_the_cone(seed):
+    # The rule "coulomb": impulse within the friction cone, contact does not go deeper, no gain.
+    rng = np.random.default_rng(100 + seed)
+    a = rng.uniform(0.2, 2.0)
+    b = a * rng.uniform(0.3, 1.0)
+    x, y, _ = contact_frame(a, b, rng.uniform(0.0, math.pi))
+    i = inertia(a, b)
+    v = np.array([rng.normal(0.0, 10.0), -abs(rng.normal(0.0, 10.0))])
+    w0 = rng.normal(0.0, 15.0)
+    if v[1] + x * w0 > 0.0:  # the point of contact must approach
+        w0 = -w0
+    mu = rng.uniform(0.1, 1.0)
+    sx, sy, sw = impact(x, y, i, v[0], v[1], w0, 1.0, COULOMB, mu)
+    jx, jy = sx - v[0], sy - v[1]
+    assert jy >= -1e-12
+    assert abs(jx) <= mu * jy * (1.0 + 1e-9) + 1e-12
+    assert i * (sw - w0) == pytest.approx(x * jy - y * jx, abs=1e-10)
+    assert sy + x * sw == pytest.approx(0.0, abs=1e-10)  # P does not go into the ground
+    assert i * sw**2 + sx**2 + sy**2 <= (i * w0**2 + v @ v) * (1.0 + 1e-12)

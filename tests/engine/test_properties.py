@@ -15,7 +15,7 @@ from scipy import stats
 from shapely import LineString, distance, points
 
 from sassgis.compiled import rng as draws
-from sassgis.engine.ellipse import inertia
+from sassgis.engine.ellipse import contact_frame, inertia
 from sassgis.settings.blocks import BlockPopulation
 from sassgis.settings.profiles import ControlLineCrossings
 
@@ -316,3 +316,25 @@ def test_the_population_is_drawn_evenly_between_its_limits():
     mixed = lab.run(lab.slope((50, 20)), lab.ROCK, lab.MIXED, n=500).rocks
     assert (mixed["a_m"] >= mixed["b_m"]).all()
     assert (mixed["b_m"] >= mixed["c_m"]).all()
+
+
+@given(w=worlds())
+@QUICK
+def test_the_point_of_contact_rests_after_an_impact(w):
+    # Equation (4): v_x = y ω, v_y = −x ω about the P that was met, with the rule "scale"; P of the
+    # round core lies b below the centre.
+    out = play({**w, "rule": "scale"})
+    for rock, log in zip(out.rocks, out.event_logs, strict=True):
+        phase = log["phase"].astype(int)
+        for i in np.flatnonzero((phase[:-1] == lab.IMPACT) & (phase[1:] == lab.FLIGHT)):
+            met, leaves = log[i], log[i + 1]
+            ux, uz = met["ux"], met["uz"]
+            x, y, _ = contact_frame(rock["a_m"], rock["b_m"], met["theta_rad"] - math.atan2(uz, ux))
+            vt = leaves["vx_mps"] * ux + leaves["vz_mps"] * uz
+            vn = leaves["vz_mps"] * ux - leaves["vx_mps"] * uz
+            w1 = leaves["omega_radps"]
+            size = 1.0 + math.hypot(vt, vn)
+            if vn != pytest.approx(-x * w1, abs=1e-9 * size):
+                x, y = 0.0, rock["b_m"]
+            assert vt == pytest.approx(y * w1, abs=1e-9 * size)
+            assert vn == pytest.approx(-x * w1, abs=1e-9 * size)

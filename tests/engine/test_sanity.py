@@ -173,3 +173,36 @@ def test_a_cliff_is_free_fall():
     # (v² > g R).
     assert lands["x_m"] == pytest.approx(20.0 + v * math.sqrt(2 * h / G), abs=1e-4)
     assert lands["vz_mps"] == pytest.approx(-math.sqrt(2 * G * h), abs=1e-4)
+
+
+def test_nothing_breaks_on_rough_profiles():
+    # 80 random rough profiles × 50 blocks.
+    counts = np.zeros(5, int)
+    below = 0
+    for seed in range(8):
+        rng = np.random.default_rng(seed)
+        lines = []
+        for _ in range(10):
+            step = rng.choice([0.2, 0.5, 1.0, 2.0])
+            s = np.arange(0.0, 60.0 + step, step)
+            amplitude = rng.uniform(0.02, 0.25) * min(1.0, step / 0.5)
+            angle = rng.uniform(25.0, 55.0)
+            z = -np.tan(np.radians(angle)) * np.minimum(s, 45.0)
+            lines.append((s, z + rng.normal(0.0, amplitude, s.size)))
+        blocks = dataclasses.replace(
+            lab.MIXED, drop_m=(0.0, 3.0), spin_radps=(0.0, float(rng.choice([0.0, 10.0])))
+        )
+        ground = (lab.ROCK, lab.DEBRIS)[seed % 2]
+        out = lab.run(lab.profile_set(*lines), ground, blocks, n=50, seed=seed)
+        r = out.rocks
+        for name in r.dtype.names:
+            assert np.isfinite(r[name].astype(float)).all(), name
+        counts += np.bincount(r["reason"], minlength=5)
+        for i, line in enumerate(lines):
+            own = r[(r["line"] == i) & (r["reason"] != StopReason.LEFT_PROFILE)]
+            deep = own["runout_z_m"] - np.interp(own["runout_m"], *line)
+            below += int((deep <= 0.0).sum())
+        assert (r["furthest_m"] >= r["start_m"] - 1e-9).all()
+    assert counts.sum() == 4000
+    assert counts[StopReason.STEP_LIMIT] == 0
+    assert below == 0

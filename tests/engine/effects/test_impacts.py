@@ -284,3 +284,14 @@ def test_mean_inertia_is_the_mean_of_the_three():
     inertia = rock_shape.tumbling_inertia(rock["a_m"], rock["b_m"], rock["c_m"])
     after = (inertia * met[OMEGA] + y * met[VX] - x * met[VZ]) / (inertia + x * x + y * y)
     assert leaves[OMEGA] == pytest.approx(after, rel=1e-9)
+
+
+def test_it_does_not_depend_on_the_mass():
+    line, on = lab.rough_slope(4), EffectSettings(RockShape())
+    light, heavy = (
+        lab.run(
+            line, lab.ground(), lab.ellipsoid(0.5, 0.4, 0.2, density_kgm3=(d, d)), on, n=50
+        ).rocks
+        for d in (1000.0, 4000.0)
+    )
+    assert (light["runout_m"] == heavy["runout_m"]).all()
