@@ -322,7 +322,8 @@ def field_parameters() -> str:
                 f"{rounded(one['configured'], 2)} | {rounded(one['value'], 2)} | {low} to {high} | "
                 f"{said}"
             )
-    return table("site and class | parameter | shipped | best | 95 % | ", rows)
+    head = "site and class | parameter | shipped | best | 95 % | "
+    return table(head, rows or ["all | – | – | – | – | none identified"])
 
 
 def field_widths() -> str:
