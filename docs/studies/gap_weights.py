@@ -510,13 +510,9 @@ def by_generator() -> str:
         for key, words in names.items()
         if key in found["measures"]
     ]
-    for key, words in (
-        ("set_size_everything", "size of the confusion set, everything"),
-        ("set_size_otherwise", "size of the confusion set, otherwise"),
-        ("calibration_error", "calibration error of the confidence"),
-    ):
-        shown = [own["numbers"].get(key) for own in all_of]
-        rows.append(" | ".join([words, *("–" if v is None else f"{v:.2f}" for v in shown)]))
+    errors = (own["numbers"].get("calibration_error") for own in all_of)
+    shown = ("–" if v is None else f"{v:.2f}" for v in errors)
+    rows.append(" | ".join(["calibration error of the confidence", *shown]))
     return table(" | ".join(["", "all", *found["by_law"]]), rows)
 
 

@@ -322,7 +322,8 @@ def field_parameters() -> str:
                 f"{rounded(one['configured'], 2)} | {rounded(one['value'], 2)} | {low} to {high} | "
                 f"{said}"
             )
-    return table("site and class | parameter | shipped | best | 95 % | ", rows)
+    head = "site and class | parameter | shipped | best | 95 % | "
+    return table(head, rows or ["all | – | – | – | – | none identified"])
 
 
 def field_widths() -> str:
@@ -636,12 +637,12 @@ def kinematics_tschamut() -> str:
         seen, made = one["observed"], one["simulated"]
         digits = 1 if name.startswith(("speed", "greatest")) else 2
         digits = 0 if name.startswith(("run-out", "contacts")) else digits
-        cells = (" / ".join(f"{v:.{digits}f}" for v in values) for values in (seen, made))
+        cells = (" / ".join(f"{v:.{digits}f}" for v in values[1:]) for values in (seen, made))
         rows.append(
             f"{name}{_UNITS.get(name.split(' ')[0], '')} | {' | '.join(cells)} | {_off(one)} | "
             f"{_off(found['ellipses_of_boxes'][name])}"
         )
-    head = "10 / 50 / 90 % | observed | simulated | error, median / 90 % | without outline"
+    head = "50 / 90 % of the rocks | observed | simulated | error | without outline"
     return table(head, rows)
 
 
