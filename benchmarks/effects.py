@@ -24,11 +24,10 @@ from sassgis.engine.effects.trees import Trees
 from sassgis.engine.effects.wind import Wind
 from sassgis.engine.simulate import simulate
 from sassgis.inputs.ground_map import read_ground_table
-from sassgis.settings.blocks import BlockPopulation
-from sassgis.settings.effects import EffectSettings
+from sassgis.settings.blocks import BlockPopulation, EffectSettings
 from sassgis.settings.ground import GroundTable
 from sassgis.settings.map_run import Forest
-from sassgis.settings.profiles import ProfileSet
+from sassgis.settings.results import ProfileSet
 from sassgis.settings.settings import EngineSettings
 
 #: Of the slope: plan length (m), slope (degrees) and ground class, from the cliff on.

@@ -45,18 +45,16 @@ from sassgis.engine.state import FLIGHT
 from sassgis.errors import InputError
 from sassgis.grid import FloatArray, Grid
 from sassgis.outputs.layers.maps import map_layers
-from sassgis.settings.blocks import BlockPopulation
-from sassgis.settings.effects import EffectSettings
+from sassgis.settings.blocks import BlockPopulation, EffectSettings
 from sassgis.settings.ground import LIMITS, GroundClass, GroundTable
 from sassgis.settings.map_run import Forest, MapRun, ReleaseArea
-from sassgis.settings.profiles import ProfileSet
-from sassgis.settings.results import StopReason
+from sassgis.settings.results import ProfileSet, StopReason
 from sassgis.settings.schema import declared, interval
 from sassgis.settings.settings import EngineSettings, ReleaseSettings, TerrainSettings
 from sassgis.settings.statistics_table import bins_of
 from sassgis.simulation.accumulators import Progress, joined_rows, sample_of
 from sassgis.simulation.loop import simulate_map
-from sassgis.terrain.plan import plan
+from sassgis.terrain.prepare import plan
 
 SEED = 1986
 TOO_LONG_S = 60.0

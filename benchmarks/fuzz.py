@@ -36,12 +36,11 @@ from sassgis.errors import SassgisError
 from sassgis.files.saved_arrays import write_saved
 from sassgis.gap.fit.linear_fit import Trial
 from sassgis.inputs.config import load_config, resolved
+from sassgis.inputs.csv_table import read_frequencies, read_profile
 from sassgis.inputs.dem import read_dem
-from sassgis.inputs.frequencies import read_frequencies
 from sassgis.inputs.ground_map import PARAMETERS, built_in_table, read_ground_table
 from sassgis.inputs.objects import read_objects, read_vulnerability
 from sassgis.inputs.observation_files import read_observations
-from sassgis.inputs.profile_csv import read_profile
 from sassgis.inputs.tiles import read_terrain
 from sassgis.inputs.vectors import read_release
 from sassgis.outputs.gap_files import classes_csv

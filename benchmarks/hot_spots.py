@@ -54,7 +54,7 @@ def watched(folder: Path, path: str, blocks: int, code: Path, address: Path) -> 
     from sassgis.inputs.config import load_config
     from sassgis.runs.inputs import read_map_run
     from sassgis.simulation.loop import simulate_map
-    from sassgis.terrain.plan import plan
+    from sassgis.terrain.prepare import plan
 
     run = read_map_run(load_config(folder / "config.toml", {"terrain.path": path}))
     release = dataclasses.replace(run.release, rocks_per_point=blocks)

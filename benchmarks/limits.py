@@ -19,11 +19,10 @@ from effects import BLOCKS, slope_line
 
 from sassgis.compiled import rng
 from sassgis.compiled.jit import kernel
-from sassgis.engine.ellipse import cos_sin
+from sassgis.engine.ellipse import Records, cos_sin
 from sassgis.engine.ellipse_contact import Flying, contact_with_segment
 from sassgis.engine.impact import RESTITUTION, impact
 from sassgis.engine.profile import profile_of
-from sassgis.engine.rows import Records
 from sassgis.engine.simulate import simulate
 from sassgis.engine.state import FLIGHT, IMPACT
 from sassgis.grid import FloatArray, IntArray

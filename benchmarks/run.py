@@ -37,7 +37,7 @@ def simulate_once(folder: Path, repeats: int, settings: dict[str, str]) -> dict[
     from sassgis.inputs.config import load_config
     from sassgis.runs.inputs import read_map_run
     from sassgis.simulation.loop import chunks_of, plan_of_points, simulate_map
-    from sassgis.terrain.plan import plan
+    from sassgis.terrain.prepare import plan
 
     run = read_map_run(load_config(folder / "config.toml", settings))
     began = time.perf_counter()
@@ -74,7 +74,7 @@ def simulate_together(folder: Path, settings: dict[str, str], most: int) -> list
     from sassgis.runs.inputs import read_map_run
     from sassgis.simulation.loop import chunks_of, plan_of_points, simulate_map
     from sassgis.simulation.workers import Processes, Threads
-    from sassgis.terrain.plan import plan
+    from sassgis.terrain.prepare import plan
 
     run = read_map_run(load_config(folder / "config.toml", settings))
     planned = plan(run)

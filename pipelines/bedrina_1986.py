@@ -18,13 +18,13 @@ import numpy as np
 import pandas as pd
 
 from sassgis.errors import SassgisError
-from sassgis.outputs.frames import write_table
 from sassgis.outputs.site_template import sample_folder
+from sassgis.outputs.zone_tables import write_table
 from sassgis.report.figures import profile_figure, save, station_figure
-from sassgis.report.profile_report import profile_panel
+from sassgis.report.map_report import profile_panel
 from sassgis.runs.profile_run import run_profile
-from sassgis.simulation.along_profile import arrivals, passage_histogram, share_within
 from sassgis.simulation.control_lines import trimmed
+from sassgis.simulation.path_sample import arrivals, passage_histogram, share_within
 
 #: Quantities of Fig. 12 with their unit and the range in which the paper's histograms mostly lie.
 RANGES = {"speed_mps": ("m/s", 15.0), "rotation_hz": ("Hz", 5.0), "height_m": ("m", 5.0)}

@@ -31,7 +31,7 @@ from field_cases.tables import write_json
 
 import sassgis
 from sassgis.report.figures import save
-from sassgis.runs.gap_case import read_case
+from sassgis.runs.calibrate import read_case
 
 CLASSES = ("debris", "talus", "rock", "forest_soil", "soft_meadow")
 

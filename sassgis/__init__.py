@@ -40,23 +40,23 @@ if TYPE_CHECKING:
     from sassgis.inputs.config import configure as configure
     from sassgis.inputs.config import load_config as load_config
     from sassgis.inputs.dem import read_dem as read_dem
-    from sassgis.outputs.config_template import save_config as save_config
     from sassgis.outputs.site_template import sample_folder as sample_folder
+    from sassgis.outputs.site_template import save_config as save_config
     from sassgis.runs.calibrate import calibrate as calibrate
     from sassgis.runs.check_inputs import check_inputs as check_inputs
     from sassgis.runs.compare import compare as compare
     from sassgis.runs.diagnose import diagnose as diagnose
     from sassgis.runs.profile_run import run_profile as run_profile
     from sassgis.runs.run import run as run
-    from sassgis.runs.zone import zone as zone
+    from sassgis.runs.run import zone as zone
     from sassgis.settings.exposure import ObjectSettings as ObjectSettings
     from sassgis.settings.exposure import RiskSettings as RiskSettings
     from sassgis.settings.ground import GroundClass as GroundClass
     from sassgis.settings.hazard_rules import HazardSettings as HazardSettings
     from sassgis.settings.hazard_rules import ZoningSettings as ZoningSettings
+    from sassgis.settings.map_run import Config as Config
     from sassgis.settings.results import Outcome as Outcome
     from sassgis.settings.results import StopReason as StopReason
-    from sassgis.settings.run_config import Config as Config
     from sassgis.settings.settings import BarrierSettings as BarrierSettings
     from sassgis.settings.settings import BlockSettings as BlockSettings
     from sassgis.settings.settings import EngineSettings as EngineSettings
@@ -74,15 +74,14 @@ __version__ = "0.1.0"
 _NAMES = {
     "inputs.config": "configure load_config",
     "inputs.dem": "read_dem",
-    "outputs.config_template": "save_config",
-    "outputs.site_template": "sample_folder",
+    "outputs.site_template": "sample_folder save_config",
     "errors": "ConfigError InputError Interrupted OutputError SassgisError",
     "settings.exposure": "ObjectSettings RiskSettings",
     "grid": "Grid",
     "settings.ground": "GroundClass",
     "settings.hazard_rules": "HazardSettings ZoningSettings",
     "settings.results": "Outcome StopReason",
-    "settings.run_config": "Config",
+    "settings.map_run": "Config",
     "settings.settings": "BarrierSettings BlockSettings EngineSettings GroundSettings "
     "OutputSettings ProfileSettings ProjectSettings ReleaseSettings RunSettings StationSettings "
     "TerrainSettings",
@@ -92,9 +91,8 @@ _NAMES = {
     "runs.compare": "compare",
     "runs.diagnose": "diagnose",
     "runs.profile_run": "run_profile",
-    "runs.run": "run",
+    "runs.run": "run zone",
     "api": "hazard_maps profile simulate zones",
-    "runs.zone": "zone",
 }
 _HOMES = {name: f"sassgis.{home}" for home, names in _NAMES.items() for name in names.split()}
 if not TYPE_CHECKING:

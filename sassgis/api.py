@@ -26,17 +26,17 @@ from sassgis.runs.resumable_run import Simulation, Workplace, read_job, simulate
 from sassgis.settings.exposure import PlacedObjects
 from sassgis.settings.ground import GroundClass
 from sassgis.settings.hazard_rules import ZoningSettings
+from sassgis.settings.map_run import Config
 from sassgis.settings.results import StopReason
-from sassgis.settings.run_config import Config
 from sassgis.settings.statistics_table import bins_of
-from sassgis.simulation.along_profile import ProfileInput
+from sassgis.simulation.path_sample import ProfileInput
 from sassgis.simulation.workers import Jobs, OnProgress
 
 if TYPE_CHECKING:
     import geopandas as gpd
     import xarray as xr
 
-    from sassgis.outputs.frames import ProfileTables
+    from sassgis.outputs.zone_tables import ProfileTables
 
 #: A mapping of keys to values, as a section of the configuration file.
 Section = Mapping[str, Any]
@@ -221,7 +221,15 @@ def _assessed(
     frequencies = {(s.source.area, s.source.scenario): s.source.frequency for s in sampled}
     width, spacing = (float(maps.attrs[name]) for name in ("ref_width_m", "release_spacing_m"))
     drawing = ZoningSettings(**zoning).drawing(preset.sheet, width, spacing, grid.cell_size)
-    own = Rules(preset, frequencies, PlacedObjects((), ()), None, drawing, width, ())
+    own = Rules(
+        preset=preset,
+        frequencies=frequencies,
+        placed=PlacedObjects((), ()),
+        vulnerability=None,
+        zones=drawing,
+        ref_width_m=width,
+        notices=(),
+    )
     found = assess(own, grid, energies, sampled, None, confidence=confidence, by_source=False)
     return own, grid, found.hazard
 
@@ -274,7 +282,7 @@ def hazard_maps(
         ``hazard_level``, ``intensity_<years>``, ``energy_at_return_period_e<years>``,
         ``return_period_t<kJ>``, ``frequency_...``, ``confidence_...``.
     """
-    from sassgis.outputs.layers.hazard_maps import hazard_layers
+    from sassgis.outputs.layers.maps import hazard_layers
     from sassgis.outputs.map_dataset import maps_dataset
 
     own, grid, hazard = _assessed(ds, rules, confidence, {})
@@ -356,7 +364,7 @@ def profile(
 
 
 def _tables(config: Config, found: ProfileInput, n_blocks: int | None) -> ProfileTables:
-    from sassgis.outputs.frames import profile_tables
+    from sassgis.outputs.zone_tables import profile_tables
 
     result = simulate_profile(config, found, rocks=n_blocks)
     return profile_tables(result, [b.name for b in config.blocks])

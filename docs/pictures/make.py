@@ -15,14 +15,14 @@ from PIL import Image
 from sassgis.inputs.config import load_config
 from sassgis.outputs.site_template import sample_folder
 from sassgis.report.figures import profile_figure, save
-from sassgis.report.profile_report import profile_panel
+from sassgis.report.map_report import profile_panel
 from sassgis.runs import compare
 from sassgis.runs.diagnose import diagnose
 from sassgis.runs.inputs import profile_from_csv
 from sassgis.runs.profile_run import simulate_profile
-from sassgis.runs.zone import zone
+from sassgis.runs.run import zone
 from sassgis.settings.results import StopReason
-from sassgis.simulation.along_profile import arrivals
+from sassgis.simulation.path_sample import arrivals
 
 #: Pictures of `sassgis demo` as the program itself draws them, and their names here.
 DEMO = {

@@ -35,10 +35,10 @@ import sassgis
 from sassgis.gap.fit.class_calibration import calibration_task, run_site, run_trial, search
 from sassgis.gap.fit.parameters import fitted_names, parameters_of, prior_shares, table_with
 from sassgis.gap.fit.site_data import site_data_of
-from sassgis.gap.forward.hypothesis_model import configured_model
+from sassgis.gap.forward.released_rocks import configured_model
 from sassgis.gap.observations.case import Case
 from sassgis.inputs.ground_map import read_ranges
-from sassgis.runs.gap_case import read_case
+from sassgis.runs.calibrate import read_case
 from sassgis.simulation.workers import task_map
 
 #: Samples of the posterior among which the truth has a rank.

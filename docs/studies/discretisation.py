@@ -36,8 +36,7 @@ from sassgis.report.figures.style import (
     wrap,
 )
 from sassgis.settings.results import StopReason
-from sassgis.terrain.prepare import LEAD_IN_M
-from sassgis.terrain.stretch import with_lead_in
+from sassgis.terrain.prepare import LEAD_IN_M, with_lead_in
 
 TOLERANCES = (0.05, 0.1, 0.25, 0.5, 1.0, 2.0, 5.0)
 SEED = 1986

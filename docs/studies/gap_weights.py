@@ -51,17 +51,15 @@ from sassgis.gap.diagnosis import CauseGain, Fingerprint
 from sassgis.gap.fit.hypothesis_fit import CONTACT_LAW, NONE, UNKNOWN, HypothesisFits
 from sassgis.gap.fit.linear_fit import summary_of
 from sassgis.gap.fit.site_data import site_data_of
-from sassgis.gap.forward.hypothesis_model import configured_model
 from sassgis.gap.forward.observation_operator import campaigns
+from sassgis.gap.forward.released_rocks import configured_model
 from sassgis.gap.forward.rock_lines import rock_lines_of
-from sassgis.gap.observations.campaign import Campaign
-from sassgis.gap.observations.case import Case
+from sassgis.gap.observations.case import Campaign, Case
 from sassgis.gap.observations.projection import Projected
 from sassgis.gap.observations.tables import Deposits, Impacts, Passages, Trajectories
 from sassgis.gap.residuals.residual_table import residuals_of
 from sassgis.gap.residuals.rock_residuals import holm_adjusted
 from sassgis.gap.verdict.evidence import Evidence, evidence_of_site
-from sassgis.gap.verdict.findings import where
 from sassgis.gap.verdict.verdict import (
     FEATURES,
     CauseWeights,
@@ -75,11 +73,12 @@ from sassgis.gap.verdict.verdict import (
     large_gaps,
     seen_of,
     speaking,
+    where,
 )
 from sassgis.gap.words import quantity_name
 from sassgis.grid import FloatArray, IntArray
-from sassgis.inputs.gap_thresholds import THRESHOLDS, read_thresholds, thresholds_of
-from sassgis.runs.gap_case import prepared_case
+from sassgis.inputs.observation_values import THRESHOLDS, read_thresholds, thresholds_of
+from sassgis.runs.calibrate import prepared_case
 from sassgis.simulation.workers import one_algebra_thread, task_map
 
 STUDY = Path(__file__).with_suffix("")

@@ -40,10 +40,10 @@ from sassgis.engine.block import move, start_released
 from sassgis.engine.cell_register import empty_register
 from sassgis.engine.draws import draw_block
 from sassgis.engine.effects.hooks import BLOCK_DTYPE
+from sassgis.engine.ellipse import empty_table, record_type
 from sassgis.engine.ground_ahead import Path, room_ahead
 from sassgis.engine.heading import start_path
 from sassgis.engine.recording import ENERGY, STRETCH_DTYPE, empty_work
-from sassgis.engine.rows import empty_table, record_type
 from sassgis.engine.simulate import setup_of
 from sassgis.engine.simulate_paths import PathTerrain, path_of, places_of
 from sassgis.engine.state import (
@@ -60,8 +60,8 @@ from sassgis.inputs.config import load_config
 from sassgis.runs.inputs import read_map_run
 from sassgis.settings.map_run import MapRun, ObjectCells
 from sassgis.settings.results import PASSAGE_DTYPE
-from sassgis.terrain.cell_geometry import exact_positions
-from sassgis.terrain.plan import plan
+from sassgis.terrain.cells import exact_positions
+from sassgis.terrain.prepare import plan
 from sassgis.terrain.release import take
 
 POINTS, BLOCKS, PILOT, REPEATED = 32, 256, 8192, 40

@@ -11,21 +11,18 @@ from numpy.typing import NDArray
 from sassgis.engine.simulate import simulate
 from sassgis.grid import FloatArray, Grid, IntArray
 from sassgis.inputs.config import load_config
+from sassgis.inputs.csv_table import read_profile
 from sassgis.inputs.ground_map import read_ground_table
-from sassgis.inputs.profile_csv import read_profile
 from sassgis.outputs.site_template import sample_folder
 from sassgis.runs.inputs import read_map_run
 from sassgis.settings.blocks import BlockPopulation
 from sassgis.settings.ground import GroundTable
-from sassgis.settings.profiles import ControlLineCrossings, ProfileSet, TraceSet
-from sassgis.settings.results import ControlLine
+from sassgis.settings.results import ControlLine, ControlLineCrossings, ProfileSet, TraceSet
 from sassgis.settings.settings import EngineSettings
 from sassgis.terrain.fall_lines import trace
 from sassgis.terrain.flatten import profiles
-from sassgis.terrain.plan import plan
-from sassgis.terrain.prepare import LEAD_IN_M, draw_keys
+from sassgis.terrain.prepare import LEAD_IN_M, draw_keys, plan, take_lines, usable, with_lead_in
 from sassgis.terrain.release import take
-from sassgis.terrain.stretch import take_lines, usable, with_lead_in
 
 #: Side of the cells of the strip of terrain that represents a profile from a table (m).
 STRIP_CELL_M = 0.25

@@ -21,7 +21,7 @@ from matplotlib.colors import ListedColormap, LogNorm
 
 from sassgis.grid import Grid
 from sassgis.report.figures.relief import hillshade
-from sassgis.runs.zone import zone
+from sassgis.runs.run import zone
 
 SITES = {
     "avaMal": ("tirol_avaMalRegional/avaMal.tif", "tirol_avaMalRegional/REL/relMalRegional.shp"),

@@ -18,8 +18,7 @@ from docs.studies.study_tables import replaced
 from docs.studies.tirol import config_of
 from docs.studies.zone_seeds import GIVEN, VALLEY, read_sample, sample, zones_at
 from sassgis.grid import BoolArray, Grid
-from sassgis.hazard.assess import raster
-from sassgis.hazard.attribution import zone_of_cells
+from sassgis.hazard.assess import raster, zone_of_cells
 from sassgis.hazard.levels import hazard_level
 from sassgis.hazard.sampling_error import level_chances
 from sassgis.hazard.zoning.coverage import Coverage

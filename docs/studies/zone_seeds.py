@@ -22,21 +22,19 @@ import numpy as np
 from docs.studies.study_tables import write_csv
 from docs.studies.tirol import config_of
 from sassgis.grid import Grid
-from sassgis.hazard.assess import curves_of, level_zones, raster
-from sassgis.hazard.attribution import zone_of_cells
+from sassgis.hazard.assess import curves_of, level_zones, raster, zone_of_cells
 from sassgis.hazard.curves import at_energies
 from sassgis.hazard.levels import hazard_level
-from sassgis.hazard.sampling_error import level_chances
-from sassgis.hazard.significance import SampledRates, beyond_sampling
+from sassgis.hazard.sampling_error import SampledRates, beyond_sampling, level_chances
 from sassgis.hazard.sources import sampled_sources
 from sassgis.hazard.zoning.coverage import Coverage
 from sassgis.inputs.config import load_config
 from sassgis.inputs.presets import read_preset
 from sassgis.runs.inputs import read_rules
 from sassgis.runs.resumable_run import Workplace, read_job
-from sassgis.runs.zone import prepared, simulations
+from sassgis.runs.run import prepared, simulations
 from sassgis.settings.hazard_rules import HazardCurves, HazardPreset, ZoningSettings
-from sassgis.settings.run_config import Config
+from sassgis.settings.map_run import Config
 from sassgis.settings.statistics_table import bins_of
 
 #: As in the configurations.

@@ -16,7 +16,7 @@ from sassgis.engine.effects import hooks
 from sassgis.engine.simulate import physics_of
 from sassgis.gap.residuals.impact_residuals import impact_draws
 from sassgis.grid import FloatArray
-from sassgis.settings.effects import EffectSettings
+from sassgis.settings.blocks import EffectSettings
 from sassgis.settings.ground import GroundTable
 from sassgis.settings.settings import EngineSettings
 

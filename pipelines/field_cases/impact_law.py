@@ -23,7 +23,7 @@ from sassgis.gap.residuals.impact_residuals import impact_draws
 from sassgis.grid import FloatArray
 from sassgis.inputs.ground_map import built_in_table
 from sassgis.report.figures import save
-from sassgis.settings.effects import EffectSettings
+from sassgis.settings.blocks import EffectSettings
 from sassgis.settings.ground import GroundClass, GroundTable
 from sassgis.settings.settings import EngineSettings
 

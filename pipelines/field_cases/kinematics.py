@@ -11,13 +11,12 @@ import numpy as np
 import pandas as pd
 
 import sassgis
-from sassgis.gap.forward.hypothesis_model import configured_model
 from sassgis.gap.forward.observation_operator import campaigns
+from sassgis.gap.forward.released_rocks import configured_model
 from sassgis.gap.forward.rock_lines import rock_lines_of
-from sassgis.gap.observations.campaign import Campaign, main_blocks, observed_campaign
-from sassgis.gap.observations.case import Case
-from sassgis.gap.observations.hops import contact_numbers
+from sassgis.gap.observations.case import Campaign, Case, main_blocks, observed_campaign
 from sassgis.gap.observations.observed import rock_masses_kg, rock_radii_m
+from sassgis.gap.observations.projection import contact_numbers
 from sassgis.grid import FloatArray
 from sassgis.settings.ground import GroundClass, GroundTable
 

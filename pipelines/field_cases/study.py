@@ -17,19 +17,17 @@ from field_cases.sites import Site
 from field_cases.tables import FieldCase, fresh, in_one_line, parser, write_json
 from sassgis.gap.diagnosis import GapFinding
 from sassgis.gap.fit.distances import Interval, bootstrap_interval, energy_scores
-from sassgis.gap.forward.hypothesis_model import HypothesisModel, configured_model
 from sassgis.gap.forward.observation_operator import campaigns
+from sassgis.gap.forward.released_rocks import HypothesisModel, configured_model
 from sassgis.gap.forward.rock_lines import rock_lines_of
-from sassgis.gap.observations.campaign import main_blocks, observed_campaign
-from sassgis.gap.observations.case import Case
+from sassgis.gap.observations.case import Case, main_blocks, observed_campaign
 from sassgis.gap.residuals.residual_table import residuals_of
 from sassgis.gap.residuals.rock_residuals import mean_gap_tests
-from sassgis.gap.verdict.findings import where
+from sassgis.gap.verdict.verdict import where
 from sassgis.grid import FloatArray
 from sassgis.report.figures import save
-from sassgis.runs.calibrate import calibrate
+from sassgis.runs.calibrate import calibrate, read_case
 from sassgis.runs.diagnose import diagnose
-from sassgis.runs.gap_case import read_case
 
 #: Campaigns that each model is let go in.
 CAMPAIGNS = 60

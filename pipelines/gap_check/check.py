@@ -28,7 +28,7 @@ from gap_check.scores import ANSWERS, CheckScores, score, scores_as_json
 from gap_check.worlds import LAWS, WorldSpec, battery, world_seeds
 from sassgis.errors import InputError
 from sassgis.files.atomic_output import write_json, write_text
-from sassgis.inputs.gap_thresholds import THRESHOLDS, read_thresholds
+from sassgis.inputs.observation_values import THRESHOLDS, read_thresholds
 
 #: What a process of its own does: diagnose the case in its folder, the numbers alone.
 _DIAGNOSE = (

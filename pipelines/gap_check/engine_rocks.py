@@ -28,12 +28,10 @@ from sassgis.engine.simulate_paths import PathTerrain, follow
 from sassgis.gap.forward.observation_operator import impacts_of, turns_of
 from sassgis.grid import Grid
 from sassgis.inputs.ground_map import built_in_table
-from sassgis.settings.blocks import BlockPopulation
-from sassgis.settings.effects import EffectSettings
+from sassgis.settings.blocks import BlockPopulation, EffectSettings
 from sassgis.settings.ground import GroundClass, GroundTable
 from sassgis.settings.map_run import Forest
-from sassgis.settings.profiles import ReleasePoints
-from sassgis.settings.results import ControlLine, StopReason
+from sassgis.settings.results import ControlLine, ReleasePoints, StopReason
 from sassgis.settings.settings import EngineSettings
 from sassgis.terrain.release import point_keys
 

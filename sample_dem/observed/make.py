@@ -22,11 +22,10 @@ from sassgis.inputs.config import load_config
 from sassgis.runs.inputs import read_map_run
 from sassgis.settings.ground import GroundTable
 from sassgis.settings.map_run import MapRun
-from sassgis.settings.profiles import ReleasePoints
-from sassgis.settings.results import ControlLine
+from sassgis.settings.results import ControlLine, ReleasePoints
 from sassgis.simulation.loop import path_terrain
-from sassgis.terrain.heights import heights_at
-from sassgis.terrain.plan import plan
+from sassgis.terrain.cells import heights_at
+from sassgis.terrain.prepare import plan
 from sassgis.terrain.release import take
 
 AREA, SCENARIO, ROCKS = "Sued", "rare", 40

@@ -26,17 +26,17 @@ from sassgis.batches.batch_area import (
     shared_digest,
 )
 from sassgis.batches.batch_mosaic import MOSAIC_NAME, write_mosaic
-from sassgis.batches.batch_state import RECORD_NAME, Record
+from sassgis.batches.batch_window import RECORD_NAME, Record
 from sassgis.errors import ConfigError, InputError, OutputError, SassgisError, chain, of_the_system
 from sassgis.files.atomic_output import check_output, writing
 from sassgis.files.saved_arrays import UNFIT
 from sassgis.hazard.assess import Assessment, Rules
 from sassgis.inputs.config import load_config
 from sassgis.inputs.vectors import release_features
-from sassgis.outputs.batch_summary import BatchSummary
+from sassgis.outputs.zone_tables import BatchSummary
 from sassgis.runs.resumable_run import Workplace, configured, workers_asked
-from sassgis.settings.labels import file_stems
-from sassgis.settings.run_config import Config
+from sassgis.settings.map_run import Config
+from sassgis.settings.results import file_stems
 from sassgis.settings.schema import InMemory, Input
 from sassgis.settings.settings import ReleaseSettings
 from sassgis.simulation.workers import Jobs, OnProgress, task_map

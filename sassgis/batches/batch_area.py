@@ -12,22 +12,20 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from sassgis.batches.batch_state import (
+from sassgis.batches.batch_window import (
+    SEARCHED_CELLS,
     SIMULATION_NAME,
     WITHOUT_BARRIERS_NAME,
     Record,
-    digests_of_sums,
-    read_record,
-    write_record,
-    write_state,
-)
-from sassgis.batches.batch_window import (
-    SEARCHED_CELLS,
     Sides,
     Windowed,
     cut_sides,
+    digests_of_sums,
     near_edge,
+    read_record,
     windowed,
+    write_record,
+    write_state,
 )
 from sassgis.errors import InputError, OutputError
 from sassgis.files.atomic_output import MANIFEST_NAME, staged_output
@@ -37,11 +35,15 @@ from sassgis.grid import FloatArray, Grid
 from sassgis.hazard.assess import Assessment, Rules
 from sassgis.inputs.config import SECTIONS, settings_hash
 from sassgis.inputs.dem import read_base_map
-from sassgis.inputs.edit_polygons import check_no_edits
 from sassgis.inputs.ground_map import ground_raster, read_ground_table
 from sassgis.inputs.tiles import Part, Terrain, open_terrain
 from sassgis.inputs.vector_features import Feature
-from sassgis.inputs.vectors import read_control_lines, read_release_feature, release_area
+from sassgis.inputs.vectors import (
+    check_no_edits,
+    read_control_lines,
+    read_release_feature,
+    release_area,
+)
 from sassgis.outputs.manifest import write_manifest
 from sassgis.runs.inputs import (
     check_heights,
@@ -53,12 +55,11 @@ from sassgis.runs.inputs import (
     yearly_frequencies,
 )
 from sassgis.runs.resumable_run import Job, Simulation, Workplace
-from sassgis.runs.zone import prepared, simulations, write_zones
+from sassgis.runs.run import prepared, simulations, write_zones
 from sassgis.settings.exposure import PlacedObjects
 from sassgis.settings.ground import GroundTable
-from sassgis.settings.map_run import MapRun, ReleaseArea
+from sassgis.settings.map_run import Config, MapRun, ReleaseArea
 from sassgis.settings.results import ControlLine, StopReason
-from sassgis.settings.run_config import Config
 from sassgis.settings.settings import ReleaseSettings
 from sassgis.settings.statistics_table import SUM_NAMES
 from sassgis.simulation.accumulators import Progress

@@ -23,7 +23,7 @@ from typing import NamedTuple
 import numpy as np
 
 from sassgis.batches.batch_area import AREAS_NAME, Candidate, Setting, area_feature, no_ground
-from sassgis.batches.batch_state import Reached, Record, added_up
+from sassgis.batches.batch_window import Reached, Record, added_up
 from sassgis.files.atomic_output import MANIFEST_NAME, staged_output, write_json, writing
 from sassgis.files.vector_layer import VectorLayer
 from sassgis.grid import Grid
@@ -53,7 +53,7 @@ from sassgis.runs.provenance import facts_of, write_origin
 from sassgis.runs.publish import block_maps, write_layers
 from sassgis.runs.publish_zones import group_extras, group_zones, hazard_maps
 from sassgis.runs.resumable_run import Job, Simulation, workers_asked
-from sassgis.runs.zone import without_barriers, write_zones
+from sassgis.runs.run import without_barriers, write_zones
 from sassgis.settings.exposure import PlacedObjects
 from sassgis.settings.languages import in_language
 from sassgis.settings.map_run import MapRun, ReleaseArea, Round
@@ -64,7 +64,7 @@ from sassgis.simulation.checkpoint import Checkpoint
 from sassgis.simulation.estimate import reached_bytes
 from sassgis.simulation.map_sums import Sample
 from sassgis.simulation.workers import Jobs, task_map
-from sassgis.terrain.plan import plan
+from sassgis.terrain.prepare import plan
 
 MOSAIC_NAME = "mosaic"
 #: What a mosaic was made from, and what was left out of it for want of memory.

@@ -29,7 +29,7 @@ from sassgis.cli.site_commands import (
     validate,
 )
 from sassgis.errors import Interrupted, OutputError, SassgisError, chain, of_the_system, shown
-from sassgis.simulation.worker_process import COLLECTED_EVERY, OF_TERMINALS
+from sassgis.simulation.workers import COLLECTED_EVERY, OF_TERMINALS
 
 
 class InOrder(click.Group):

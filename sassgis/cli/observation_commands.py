@@ -16,11 +16,13 @@ from sassgis.cli.options import (
     OVERWRITE,
     PATH,
     WORKERS,
+    ProgressBar,
     at_work,
     command,
+    notes,
+    printed,
     several,
 )
-from sassgis.cli.progress_bar import ProgressBar, notes, printed
 from sassgis.errors import collected_notices
 from sassgis.gap.constants import FIT_DRAWS
 
@@ -71,7 +73,7 @@ def calibrate(
 )
 def template(path: Path, crs: str | None) -> None:
     """Write empty tables of observations: a .gpkg, or a folder of CSV files."""
-    from sassgis.outputs.observation_template import observations_template
+    from sassgis.outputs.site_template import observations_template
 
     click.echo(f"Wrote {observations_template(path, crs=crs)}. Leave out what you did not measure.")
 

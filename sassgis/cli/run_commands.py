@@ -23,13 +23,15 @@ from sassgis.cli.options import (
     WORKERS,
     at_work,
     command,
+    conclude,
+    notes,
+    printed,
 )
-from sassgis.cli.progress_bar import conclude, notes, printed
 
 if TYPE_CHECKING:
     from sassgis.hazard.zoning.applied_edits import AppliedEdit
     from sassgis.runs.run import RunResult
-    from sassgis.settings.run_config import Config
+    from sassgis.settings.map_run import Config
 
 
 @command(OUT, JOBS, OVERWRITE, AS_JSON, example="demo -o demo_out")
@@ -101,7 +103,7 @@ def _with_spread(summary: str, result: RunResult) -> str:
     """What a command says at its end, with what the spread of the ground classes does, if known."""
     if result.spread is None:
         return summary
-    from sassgis.report.variants_report import spread_lines
+    from sassgis.report.change_report import spread_lines
 
     lines = (f"{text[:1].upper()}{text[1:]}." for _, text in spread_lines(result.spread))
     return "\n".join((summary, *lines))
@@ -135,7 +137,7 @@ def zone(config: Path, out: Path, as_json: bool, **given: Any) -> None:
 def _zoned(config: Path, out: Path, as_json: bool, given: Mapping[str, Any]) -> None:
     """Make hazard zones and report the result."""
     from sassgis.hazard.warnings import edge_words, sample_words
-    from sassgis.runs.zone import zone as make_zones
+    from sassgis.runs.run import zone as make_zones
 
     with at_work(given) as how:
         result = make_zones(_with_draws(config, how), out, **how)

@@ -16,9 +16,10 @@ from sassgis.cli.options import (
     OVERWRITE,
     PATH,
     command,
+    notes,
+    printed,
     settings_as_options,
 )
-from sassgis.cli.progress_bar import notes, printed
 
 
 class _Above0(click.FloatRange):
@@ -208,8 +209,8 @@ def init(
         _from_rockyfor3d(file, folder, settings, overwrite)
         return
     from sassgis.files.atomic_output import write_new
-    from sassgis.inputs.defaults import start_keys, with_system, with_values
-    from sassgis.outputs.config_template import config_template, short_template
+    from sassgis.inputs.site_layers import start_keys, with_system, with_values
+    from sassgis.outputs.site_template import config_template, short_template
     from sassgis.runs.inputs import collected_notices
 
     asked = with_values(start_keys(file.parent, dem, release), settings)

@@ -8,8 +8,8 @@ from typing import NamedTuple
 import numpy as np
 
 from sassgis.compiled.jit import inlined, kernel, lean
+from sassgis.engine.ellipse import CountedRows, Record
 from sassgis.engine.resistance import share_gained
-from sassgis.engine.rows import CountedRows, Record
 from sassgis.engine.state import BARRIER, CROSSING_DTYPE, Block, Output, Site, end
 from sassgis.grid import FloatArray, IntArray
 from sassgis.settings.results import Outcome

@@ -9,13 +9,13 @@ from sassgis.compiled.jit import fused, lean
 from sassgis.engine import heading
 from sassgis.engine.contact import resting_height
 from sassgis.engine.effects import hooks
+from sassgis.engine.ellipse import Record
 from sassgis.engine.flight import flight
 from sassgis.engine.ground_ahead import Path, note_passages
 from sassgis.engine.ground_motion import ground_motion, tips
 from sassgis.engine.landing import land
 from sassgis.engine.profile import angle_of, segment_at, stretch_from
 from sassgis.engine.rolling import rolling_friction
-from sassgis.engine.rows import Record
 from sassgis.engine.state import (
     END,
     FLIGHT,

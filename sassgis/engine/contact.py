@@ -13,10 +13,9 @@ from typing import NamedTuple
 import numpy as np
 
 from sassgis.compiled.jit import fused, inlined, lean
-from sassgis.engine.ellipse import cos_sin
+from sassgis.engine.ellipse import CountedRows, Record, cos_sin
 from sassgis.engine.ellipse_contact import Flying, contact_with_segment, contact_with_vertex
 from sassgis.engine.profile import segment_at
-from sassgis.engine.rows import CountedRows, Record
 
 #: Share of a number below which what it differs by is no better than rounding.
 _CANCELS = 1e-10

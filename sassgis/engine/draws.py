@@ -8,8 +8,7 @@ import numpy as np
 
 from sassgis.compiled import rng
 from sassgis.compiled.jit import lean
-from sassgis.engine.ellipse import inertia, mean_radius, outlined
-from sassgis.engine.rows import Record
+from sassgis.engine.ellipse import Record, inertia, mean_radius, outlined
 from sassgis.engine.state import Block, Physics
 
 

@@ -25,8 +25,7 @@ from typing import NamedTuple
 import numpy as np
 
 from sassgis.compiled.jit import inlined, lean
-from sassgis.engine.ellipse import cos_sin
-from sassgis.engine.rows import Record
+from sassgis.engine.ellipse import Record, cos_sin
 
 _MAX_STEPS = 500
 # Deeper than this share of b below a line, the segment may lie outside the block.

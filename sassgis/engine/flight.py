@@ -8,10 +8,10 @@ from sassgis.compiled.jit import fused, inlined
 from sassgis.engine.barriers import after_barrier, control_lines_in_flight, no_meeting
 from sassgis.engine.contact import next_contact
 from sassgis.engine.effects import hooks
+from sassgis.engine.ellipse import CountedRows, Record
 from sassgis.engine.ellipse_contact import Flying
 from sassgis.engine.profile import segment_at
 from sassgis.engine.recording import record_flight
-from sassgis.engine.rows import CountedRows, Record
 from sassgis.engine.state import (
     FLIGHT,
     IMPACT,

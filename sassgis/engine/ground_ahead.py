@@ -20,12 +20,12 @@ from numpy.typing import NDArray
 from sassgis.compiled.jit import fused, inlined, lean
 from sassgis.engine.barriers import ControlLineTable
 from sassgis.engine.cell_register import CellRegister, registered
+from sassgis.engine.ellipse import Record, Records, empty_table
 from sassgis.engine.flight import MARGIN_M
 from sassgis.engine.recording import STRETCH_DTYPE
-from sassgis.engine.rows import Record, Records, empty_table
 from sassgis.engine.state import CROSSING_DTYPE, FLIGHT, VERTEX_DTYPE, Block, Site
 from sassgis.grid import FloatArray, IntArray
-from sassgis.terrain.cell_geometry import SHORTEST_STRETCH, cell_index, exact, height_at, next_line
+from sassgis.terrain.cells import SHORTEST_STRETCH, cell_index, exact, height_at, next_line
 
 # Vertices, stretches and crossings of the ground just ahead for which there is room.
 _ROOM = 512

@@ -6,8 +6,8 @@ import math
 
 from sassgis.compiled.jit import fused, lean
 from sassgis.engine.contact import is_convex
+from sassgis.engine.ellipse import CountedRows, Record
 from sassgis.engine.ground_ahead import BEHIND, Path, add_vertex, place, terrain_height
-from sassgis.engine.rows import CountedRows, Record
 from sassgis.engine.state import Block, Site
 
 # Of the profile before so much is kept, in longest semi-axes, and so many vertices are sampled.

@@ -15,13 +15,12 @@ from sassgis.engine.barriers import (
 )
 from sassgis.engine.contact import next_contact
 from sassgis.engine.effects import hooks
-from sassgis.engine.ellipse import cos_sin, frame_of
+from sassgis.engine.ellipse import Record, cos_sin, frame_of
 from sassgis.engine.ellipse_contact import Flying
 from sassgis.engine.landing import FIRST_TURN, rolling_place
 from sassgis.engine.profile import STRAIGHT, along, angle_of, turn
 from sassgis.engine.recording import record_ground
 from sassgis.engine.resistance import gained, path_to, time_over
-from sassgis.engine.rows import Record
 from sassgis.engine.state import (
     FLIGHT,
     IMPACT,

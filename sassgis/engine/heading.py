@@ -30,7 +30,7 @@ from sassgis.compiled import rng
 from sassgis.compiled.jit import fused, inlined, lean
 from sassgis.engine.contact import resting_height
 from sassgis.engine.effects import hooks
-from sassgis.engine.ellipse import cos_sin
+from sassgis.engine.ellipse import CountedRows, Record, cos_sin
 from sassgis.engine.ground_ahead import (
     Path,
     begin_profile,
@@ -41,7 +41,6 @@ from sassgis.engine.ground_ahead import (
 )
 from sassgis.engine.ground_behind import keep_behind, sample_behind
 from sassgis.engine.profile import segment_at
-from sassgis.engine.rows import CountedRows, Record
 from sassgis.engine.state import (
     END,
     FLIGHT,
@@ -53,7 +52,7 @@ from sassgis.engine.state import (
     Site,
     end,
 )
-from sassgis.terrain.cell_geometry import exact, height_at
+from sassgis.terrain.cells import exact, height_at
 
 # On the ground the heading turns by so much at most before the profile begins anew (rad); κ times
 # the length of a step, where that is longer than so many radii.

@@ -16,11 +16,11 @@ from sassgis.engine.block import simulate_block, start_released, start_spawned
 from sassgis.engine.cell_register import FULL
 from sassgis.engine.draws import block_of, draw_block, with_drag, with_outline
 from sassgis.engine.effects import hooks
+from sassgis.engine.ellipse import CountedRows, Record, Records, empty_table
 from sassgis.engine.ground_ahead import Path, place, room_ahead
 from sassgis.engine.heading import continue_path, start_path
 from sassgis.engine.profile import last_stretch, profile_of, stretches_of, without_straight_vertices
 from sassgis.engine.recording import CellWork, empty_work, record_stop
-from sassgis.engine.rows import CountedRows, Record, Records, empty_table
 from sassgis.engine.state import (
     BARRIER,
     REST,
@@ -32,7 +32,7 @@ from sassgis.engine.state import (
 )
 from sassgis.engine.statistics import Totals, Wanted
 from sassgis.grid import FloatArray, IntArray
-from sassgis.terrain.cell_geometry import exact
+from sassgis.terrain.cells import exact
 
 #: What simulate_strata returns: whether all went well; for what there was too little room: rows of
 #: passages or spawned blocks, cells of followed paths, visits, blocks spawned by a released one.
@@ -52,7 +52,7 @@ class Strata(NamedTuple):
 
 
 class Lines(NamedTuple):
-    """Profiles of a chunk, as in settings.profiles.ProfileSet; ``cell`` counts its cells."""
+    """Profiles of a chunk, as in settings.results.ProfileSet; ``cell`` counts its cells."""
 
     offset: IntArray
     s: FloatArray

@@ -8,11 +8,10 @@ from sassgis.compiled import rng
 from sassgis.compiled.jit import fused, inlined, lean
 from sassgis.engine.contact import resting_height
 from sassgis.engine.effects import hooks
-from sassgis.engine.ellipse import cos_sin, frame_of
+from sassgis.engine.ellipse import CountedRows, Record, Records, cos_sin, frame_of
 from sassgis.engine.impact import RESTITUTION, impact, normal_force, soft_landing
 from sassgis.engine.profile import along, foot_segment
 from sassgis.engine.rolling import growth, rolling_friction
-from sassgis.engine.rows import CountedRows, Record, Records
 from sassgis.engine.state import (
     BROKEN,
     FLIGHT,

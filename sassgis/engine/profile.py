@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sassgis.compiled.jit import inlined, kernel, lean
+from sassgis.engine.ellipse import CountedRows
 from sassgis.engine.recording import STRETCH_DTYPE
-from sassgis.engine.rows import CountedRows
 from sassgis.engine.state import BARRIER, VERTEX_DTYPE
 from sassgis.grid import FloatArray, IntArray
 

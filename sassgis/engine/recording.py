@@ -15,8 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sassgis.compiled.jit import lean
+from sassgis.engine.ellipse import CountedRows, record_type
 from sassgis.engine.resistance import share_gained, time_over
-from sassgis.engine.rows import CountedRows, record_type
 from sassgis.settings.statistics_table import QUANTITIES
 
 #: Columns of what is recorded: energy per unit mass (J/kg), -1 where the block has not been; height

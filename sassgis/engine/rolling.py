@@ -8,10 +8,9 @@ from typing import NamedTuple
 import numpy as np
 
 from sassgis.compiled.jit import inlined, lean
-from sassgis.engine.ellipse import cos_sin
+from sassgis.engine.ellipse import Record, cos_sin
 from sassgis.engine.impact import RESTITUTION
 from sassgis.engine.resistance import gained, path_to
-from sassgis.engine.rows import Record
 from sassgis.engine.state import Block, Physics
 
 # What ends a stretch of rolling or sliding. TO_SLIDING and LIFT_OFF are computed here; PART is a

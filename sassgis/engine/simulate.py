@@ -15,20 +15,23 @@ from sassgis.engine import impact as impact_rules
 from sassgis.engine import kernel, statistics
 from sassgis.engine.effects.hooks import ground_of, most_spawned, prepare
 from sassgis.engine.effects.spawning import MOST_SPAWNED
-from sassgis.engine.ellipse import outlined
+from sassgis.engine.ellipse import empty_table, outlined
 from sassgis.engine.ground_ahead import Path
 from sassgis.engine.kernel import Lines, Rows, Setup, Strata, Work
-from sassgis.engine.rows import empty_table
 from sassgis.engine.state import EVENT_DTYPE, Physics
 from sassgis.engine.statistics import Disks, Exceedance, Objects, Totals, Wanted
 from sassgis.errors import InputError
 from sassgis.grid import FloatArray, IntArray
-from sassgis.settings.blocks import BlockPopulation
-from sassgis.settings.effects import EffectSettings
+from sassgis.settings.blocks import BlockPopulation, EffectSettings
 from sassgis.settings.ground import GroundTable
 from sassgis.settings.map_run import Forest, ObjectCells, Window
-from sassgis.settings.profiles import ControlLineCrossings, ProfileSet
-from sassgis.settings.results import PASSAGE_DTYPE, ROCK_DTYPE, ControlLine
+from sassgis.settings.results import (
+    PASSAGE_DTYPE,
+    ROCK_DTYPE,
+    ControlLine,
+    ControlLineCrossings,
+    ProfileSet,
+)
 from sassgis.settings.settings import EngineSettings
 from sassgis.settings.statistics_table import Bins, default_bins, sums_by
 

@@ -25,15 +25,13 @@ from sassgis.engine.simulate import (
 from sassgis.engine.statistics import Totals, Wanted, empty_totals
 from sassgis.errors import InputError
 from sassgis.grid import FloatArray, Grid, IntArray
-from sassgis.settings.blocks import BlockPopulation
-from sassgis.settings.effects import EffectSettings
+from sassgis.settings.blocks import BlockPopulation, EffectSettings
 from sassgis.settings.ground import GroundTable
 from sassgis.settings.map_run import Forest, ObjectCells, Window, Worth
-from sassgis.settings.profiles import ReleasePoints
-from sassgis.settings.results import ControlLine
+from sassgis.settings.results import ControlLine, ReleasePoints
 from sassgis.settings.settings import EngineSettings
 from sassgis.settings.statistics_table import Bins, default_bins
-from sassgis.terrain.cell_geometry import exact_positions
+from sassgis.terrain.cells import exact_positions
 
 # For how many cells there has to be room, by the shape of the grid and the number of windows listed
 # for each. Results do not depend on it.

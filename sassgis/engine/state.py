@@ -13,8 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sassgis.compiled.jit import fused, inlined, lean
+from sassgis.engine.ellipse import CountedRows, Record, Records, record_type
 from sassgis.engine.recording import CellWork
-from sassgis.engine.rows import CountedRows, Record, Records, record_type
 from sassgis.grid import FloatArray
 from sassgis.settings.results import StopReason
 

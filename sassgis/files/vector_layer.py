@@ -13,9 +13,9 @@ from typing import Any
 import geopandas as gpd
 import pandas as pd
 
-from sassgis.settings.built_in_rows import built_in_rows
 from sassgis.settings.languages import current_language, phrase, with_translated
 from sassgis.settings.results import RasterLayer
+from sassgis.settings.statistics_table import built_in_rows
 from sassgis.settings.styles import FieldInfo, VectorStyle
 
 KEY_COLUMN = "fid"

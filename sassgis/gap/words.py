@@ -8,8 +8,8 @@ from functools import reduce
 from sassgis.gap.causes.all_causes import CAUSES, GROUPS
 from sassgis.gap.constants import LEVEL
 from sassgis.gap.diagnosis import GapFinding
-from sassgis.settings.labels import ground_name, short
 from sassgis.settings.languages import Phrase, all_of, in_english, joined, named, phrase
+from sassgis.settings.results import ground_name, short
 from sassgis.settings.styles import with_unit
 
 EFFECT_NAMES: Mapping[str, str] = {

@@ -16,11 +16,10 @@ from sassgis.hazard.levels import hazard_level
 from sassgis.hazard.sampling_error import level_chances, worth_of_places
 from sassgis.hazard.sources import sampled_sources
 from sassgis.settings.hazard_rules import BlockBudget
-from sassgis.settings.map_run import MapRun, Round, Worth
-from sassgis.settings.run_config import Config
+from sassgis.settings.map_run import Config, MapRun, Round, Worth
 from sassgis.settings.statistics_table import bins_of
 from sassgis.simulation.accumulators import Progress
-from sassgis.terrain.plan import Plan
+from sassgis.terrain.prepare import Plan
 
 #: A point has an eighth of the blocks of another at least: what few blocks show may be wrong.
 _MOST_HALVINGS = 3

@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from sassgis.grid import FloatArray, IntArray
 from sassgis.settings.hazard_rules import DrawnPoints, HazardCurves, Source, SourceCounts
-from sassgis.simulation.count_error import (
+from sassgis.simulation.map_sums import (
     blocks_of_a_point,
     count_variance,
     gamma_interval,

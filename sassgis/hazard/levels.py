@@ -1,10 +1,13 @@
-"""Intensity classes and hazard levels from hazard curves, and how far the lowest level reaches.
+"""Intensity classes and hazard levels from hazard curves; their words and styles on maps.
 
 Codes: 0 is "not reached"; intensity 1 and level 1 are the weakest of the preset.
 """
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from itertools import pairwise
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -13,7 +16,9 @@ from scipy import ndimage
 
 from sassgis.grid import BoolArray, FloatArray, Grid, IntArray
 from sassgis.hazard.curves import at_energies, meets
-from sassgis.settings.hazard_rules import HazardCurves, HazardPreset
+from sassgis.settings.hazard_rules import HazardCurves, HazardLevel, HazardPreset, Provenance
+from sassgis.settings.languages import joined, phrase
+from sassgis.settings.styles import StyleClass, Symbol, VectorStyle
 
 #: Standard deviations beyond which neighbours do not count.
 _TRUNCATED = 2.5
@@ -142,3 +147,161 @@ def cells_within_limit(
     )
     reached: BoolArray = curves.rate[:, 0] > 0.0
     return reached & meets(mean.ravel()[window.cells], preset.rarest_years)
+
+
+def period_labels(return_periods: Sequence[float]) -> tuple[str, ...]:
+    """Name the classes of return period: "up to 30", "30 to 100", ..., "beyond 300" (years)."""
+    limits = [f"{t:g}" for t in return_periods]
+    between = [phrase("{} to {}", a, b) for a, b in pairwise(limits)]
+    return (phrase("up to {}", limits[0]), *between, phrase("beyond {}", limits[-1]))
+
+
+def energy_labels(preset: HazardPreset) -> tuple[str, ...]:
+    """Return spans of energy of the classes of intensity: "below 30 kJ", ..., "300 kJ and more"."""
+    limits = [f"{e:g}" for e in preset.thresholds_kj]
+    if len(limits) == 1:
+        return (phrase("any energy"),)
+    between = [phrase("{} to {} kJ", a, b) for a, b in pairwise(limits[1:])]
+    return (phrase("below {} kJ", limits[1]), *between, phrase("{} kJ and more", limits[-1]))
+
+
+def preset_unverified(preset: HazardPreset) -> list[str]:
+    """List values of a preset that were not read in its source: a warning for each source."""
+    return [
+        phrase(
+            "Preset {}, unverified: {}. {}.",
+            preset.name,
+            joined(", ", what),
+            phrase(source.rstrip(".")),
+        )
+        for source, what in _unverified(preset).items()
+    ]
+
+
+def unverified_in_short(preset: HazardPreset) -> list[str]:
+    """Return the same without the sources, for sheets: one text, or none."""
+    what = [text for own in _unverified(preset).values() for text in own]
+    text = "Preset {}, unverified: {}. See the report."
+    return [phrase(text, preset.name, joined(", ", what))] if what else []
+
+
+def _unverified(preset: HazardPreset) -> dict[str, list[str]]:
+    """Return unverified values by the text of their source, each in words."""
+    periods = ", ".join(f"{t:g}" for t in preset.return_periods)
+    values = [(phrase("intensity {}", phrase(c.label)), c.provenance) for c in preset.intensities]
+    values.append((phrase("return periods {} years", periods), preset.return_period_provenance))
+    if preset.rarest_provenance is not None:
+        beyond = phrase("no level beyond {} years", f"{preset.rarest_years:g}")
+        values.append((beyond, preset.rarest_provenance))
+    if preset.sheet is not None:
+        least = phrase(
+            "zones of at least {} mm and {} mm² on the sheet",
+            f"{preset.sheet.width_mm:g}",
+            f"{preset.sheet.area_mm2:g}",
+        )
+        values.append((least, preset.sheet.provenance))
+    values += [(phrase("level {}", phrase(c.label)), c.provenance) for c in preset.levels]
+    by_source = _by_source(values)
+    for source, text in _unverified_fields(preset).items():
+        by_source.setdefault(source, []).append(text)
+    return by_source
+
+
+def _by_source(values: Sequence[tuple[str, Provenance]]) -> dict[str, list[str]]:
+    """Return unverified values by the text of their source."""
+    found: dict[str, list[str]] = {}
+    for what, provenance in values:
+        if not provenance.verified:
+            found.setdefault(provenance.source, []).append(what)
+    return found
+
+
+def _unverified_fields(preset: HazardPreset) -> dict[str, str]:
+    """Return unverified fields of the matrix in a few words, by their source."""
+    fields = [
+        (phrase("{} {} years", intensity.code, period), provenance)
+        for intensity, row in zip(preset.intensities, preset.matrix_provenance, strict=True)
+        for period, provenance in zip(period_labels(preset.return_periods), row, strict=True)
+    ]
+    words: dict[str, str] = {}
+    for source, own in _by_source(fields).items():
+        if len(own) == len(fields):
+            words[source] = phrase("the whole matrix")
+        elif 2 * len(own) > len(fields):
+            words[source] = phrase("{} of {} fields of the matrix", len(own), len(fields))
+        else:
+            words[source] = phrase("matrix {}", joined(", ", own))
+    return words
+
+
+#: Zones let the terrain through, and what is drawn below them.
+ZONE_OPACITY = 0.7
+_ZONE = Symbol("fill", "#808080", opacity=ZONE_OPACITY, outline="#4d4d4d", outline_mm=0.25)
+
+#: How barriers change the level of a place: label and colour. Green and purple stand apart for
+#: all common kinds of colour vision, and are no colours of levels.
+LEVEL_CHANGES: Mapping[str, tuple[str, str]] = {
+    "lower": ("Lower level", "#7fbf7b"),
+    "same": ("Same level", "#f7f7f7"),
+    "higher": ("Higher level", "#762a83"),
+}
+
+
+def zone_symbol(colour: str, *, hatched: bool = False) -> Symbol:
+    """Return the sign of a zone: filled, or striped on white if hatched."""
+    if not hatched:
+        return replace(_ZONE, colour=colour)
+    return replace(
+        _ZONE, colour=colour, hatch="diagonal", hatch_mm=0.9, hatch_step_mm=2.0, ground="#ffffff"
+    )
+
+
+def hazard_level_style(column: str, levels: Sequence[HazardLevel]) -> VectorStyle:
+    """Return zones in the colours of their hazard level, the most severe first in the legend.
+
+    ``column`` holds the code of the level; ``levels`` are from low to high.
+    """
+    return zone_style(column, [(v.code, v.label, v.colour, v.hatched) for v in levels])
+
+
+def level_change_style(column: str) -> VectorStyle:
+    """Return areas by how barriers change their level: the codes of :data:`LEVEL_CHANGES`."""
+    changes = LEVEL_CHANGES.items()
+    return zone_style(column, [(code, label, colour, False) for code, (label, colour) in changes])
+
+
+def uncertain_style() -> VectorStyle:
+    """Return fine black lines over uncertain places, falling across the stripes of levels."""
+    return VectorStyle(
+        Symbol(
+            "fill", "#000000", opacity=0.8, outline="#000000", outline_mm=0.15, hatch="falling",
+            hatch_mm=0.15, hatch_step_mm=1.4,
+        )
+    )  # fmt: skip
+
+
+def open_limit_style() -> VectorStyle:
+    """Return a broad line in magenta, which no level has, where a zone is open."""
+    return VectorStyle(Symbol("line", "#d400aa", size_mm=1.2))
+
+
+def zone_style(column: str, entries: Sequence[tuple[str, str, str, bool]]) -> VectorStyle:
+    """Make a sign per code, the last first; entries: code, label, ``#rrggbb``, hatched."""
+    return VectorStyle(
+        symbol=_ZONE,
+        method="categories",
+        column=column,
+        classes=tuple(
+            StyleClass(label, zone_symbol(colour, hatched=hatched), value=code)
+            for code, label, colour, hatched in reversed(entries)
+        ),
+    )
+
+
+def opaque(style: VectorStyle) -> VectorStyle:
+    """Return the same style, with nothing shining through."""
+    return replace(
+        style,
+        symbol=replace(style.symbol, opacity=1.0),
+        classes=tuple(replace(c, symbol=replace(c.symbol, opacity=1.0)) for c in style.classes),
+    )

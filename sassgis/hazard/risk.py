@@ -24,7 +24,7 @@ from sassgis.grid import FloatArray
 from sassgis.hazard.curves import at_energies, hazard_curves
 from sassgis.settings.exposure import VEHICLE, ExposedObject, Vulnerability
 from sassgis.settings.hazard_rules import Source, SourceCounts
-from sassgis.simulation.count_error import gamma_interval, pooled_freedom
+from sassgis.simulation.map_sums import gamma_interval, pooled_freedom
 
 #: What is stated of each object, all per year, besides the hits of each class; see RiskTable.
 QUANTITIES = (

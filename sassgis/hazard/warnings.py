@@ -12,18 +12,16 @@ import numpy as np
 
 from sassgis.engine.effects.lateral_deflection import LateralDeflection
 from sassgis.grid import IntArray
-from sassgis.hazard.preset_labels import preset_unverified
+from sassgis.hazard.levels import preset_unverified
 from sassgis.hazard.zoning.applied_edits import AppliedEdit, shares_text
-from sassgis.settings.effects import EffectSettings
+from sassgis.settings.blocks import EffectSettings
 from sassgis.settings.ground import GroundClass, Trust
 from sassgis.settings.hazard_rules import BlockBudget, HazardPreset
-from sassgis.settings.labels import STOP_TEXT, short, thousands
 from sassgis.settings.languages import Phrase, phrase
 from sassgis.settings.map_run import MapRun
-from sassgis.settings.profiles import LineEnd, ReleasePoints
-from sassgis.settings.results import StopReason
+from sassgis.settings.results import STOP_TEXT, LineEnd, ReleasePoints, StopReason, short, thousands
 from sassgis.simulation.accumulators import Progress, line_ends
-from sassgis.simulation.along_profile import ProfileResult
+from sassgis.simulation.path_sample import ProfileResult
 from sassgis.terrain.release import points_by_size
 
 _LINE_ENDS = (

@@ -29,12 +29,11 @@ from sassgis.errors import ConfigError, InputError
 from sassgis.files.input_parts import file_digest
 from sassgis.files.plain_file import read_toml, seen_from
 from sassgis.inputs.checked import Place, first_error, first_of, table_type
-from sassgis.settings.blocks import BlockPopulation
-from sassgis.settings.effects import EffectSection, EffectSettings
+from sassgis.settings.blocks import BlockPopulation, EffectSection, EffectSettings
 from sassgis.settings.exposure import ObjectSettings, RiskSettings
 from sassgis.settings.hazard_rules import EditSettings, HazardSettings, Onset, ZoningSettings
+from sassgis.settings.map_run import Config
 from sassgis.settings.results import ControlLine
-from sassgis.settings.run_config import Config
 from sassgis.settings.schema import (
     Declared,
     InMemory,

@@ -1,4 +1,4 @@
-"""Small tables that people write by hand or in a spreadsheet, with row numbers for messages."""
+"""Small tables that people write: rows with numbers for messages, profiles, onset frequencies."""
 
 from __future__ import annotations
 
@@ -8,11 +8,20 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import partial
-from typing import Any
+from pathlib import Path
+from typing import Any, get_args
 
-from sassgis.errors import InputError
+import numpy as np
+
+from sassgis.errors import ConfigError, InputError, notice
 from sassgis.files.plain_file import check_text, number, read_text
+from sassgis.hazard.volume_frequency import BlockSurvey
+from sassgis.inputs.config import profile_control_lines
 from sassgis.inputs.vector_features import nearest
+from sassgis.settings.ground import GroundTable
+from sassgis.settings.hazard_rules import Onset, OnsetUnit
+from sassgis.settings.map_run import Config
+from sassgis.settings.results import ProfileSet
 from sassgis.settings.schema import Input, composed
 
 #: Far more than any table has; each takes long to be compared with those that are known.
@@ -153,3 +162,133 @@ def errors_of_row(where: str, file: Input) -> Iterator[None]:
         yield
     except InputError as error:
         raise InputError(**error.parts(problem=f"{where}: {error.problem}", file=file)) from None
+
+
+def read_profile(path: Input, table: GroundTable, default: str) -> ProfileSet:
+    """Read one profile, in one stretch that lies in no cell of a map.
+
+    The CSV has the columns s_m (chainage, rising) and z_m (height) and, if wanted, ground: the
+    class of the segment that starts at the row. Rows without a class take the default.
+    """
+    columns = {
+        "s_m": CsvColumn(float),
+        "z_m": CsvColumn(float),
+        "ground": CsvColumn(known=table.names, default=default, what="ground class"),
+    }
+    wrong = partial(InputError, file=path)
+    rows: list[tuple[float, float, int]] = []
+    what = "a CSV file with columns s_m, z_m and, if wanted, ground"
+    for where, row in read_table(path, "profile.file", what, columns):
+        if rows and row["s_m"] <= rows[-1][0]:
+            raise wrong(
+                f"{where}: chainage does not rise", field="s_m",
+                found=f"{row['s_m']:g} after {rows[-1][0]:g}",
+                expected="a larger one than in the row before",
+            )  # fmt: skip
+        rows.append((row["s_m"], row["z_m"], table.index(row["ground"])))
+    if len(rows) < 2:
+        found = f"{len(rows)} row(s)"
+        raise wrong("is too short for a profile", found=found, expected="two rows or more")
+    s, z, ground = zip(*rows, strict=True)
+    return ProfileSet(
+        offset=np.array([0, len(s)], np.int64), s=np.array(s), z=np.array(z),
+        ground=np.array(ground, np.int32), cell_offset=np.array([0, 1], np.int64),
+        cell_s=np.array([s[0], s[-1]]), cell=np.array([-1], np.int64),
+    )  # fmt: skip
+
+
+def check_on_profile(config: Config, profile: ProfileSet) -> None:
+    """Check that starts, stations and barriers of a configuration lie on its profile."""
+    first, last = float(profile.s[0]), float(profile.s[-1])
+    expected = f"within the profile, {first:g} to {last:g} m"
+    wrong = partial(ConfigError, file=config.file, expected=expected)
+    if config.profile is not None:
+        low, high = config.profile.start_m
+        if low < first or high > last:
+            found = f"[{low:g}, {high:g}]"
+            raise wrong("blocks would start off the profile", field="profile.start_m", found=found)
+        steepest = np.degrees(np.arctan((-np.diff(profile.z) / np.diff(profile.s)).max()))
+        if steepest <= 0.0:
+            notice(f"{config.profile.file}: the profile descends nowhere")
+    for control_line, chainage in profile_control_lines(config):
+        if not first <= chainage <= last:
+            section = "stations" if control_line.kind == "station" else "barriers"
+            field = f"{section}[{control_line.name}].chainage_m"
+            raise wrong("lies off the profile", field=field, found=f"{chainage:g}")
+
+
+def read_frequencies(
+    file: Input, areas: Sequence[str], scenarios: Sequence[str]
+) -> dict[tuple[str, str], Onset]:
+    """Read onset frequencies by release area and block scenario.
+
+    The CSV has the columns area, scenario, frequency, unit (per_year, per_year_ha, per_year_m);
+    ``areas`` and ``scenarios`` are the names that there are.
+    """
+    columns = {
+        "area": CsvColumn(known=areas),
+        "scenario": CsvColumn(known=scenarios),
+        "frequency": CsvColumn(float, low=0.0),
+        "unit": CsvColumn(known=get_args(OnsetUnit)),
+    }
+    found: dict[tuple[str, str], Onset] = {}
+    what = "a CSV table of onset frequencies"
+    for where, row in read_table(file, "hazard.frequencies", what, columns):
+        key = row["area"], row["scenario"]
+        if key in found:
+            raise InputError(
+                f"{where}: area and scenario turn up twice", file=file, field="scenario",
+                found=", ".join(key), expected="one row for each",
+            )  # fmt: skip
+        found[key] = Onset(row["frequency"], row["unit"])
+    return found
+
+
+_LIST, _CLASSES = ("volume_m3",), ("from_m3", "to_m3", "count")
+
+
+def read_block_survey(file: Path) -> tuple[BlockSurvey, tuple[str, ...]]:
+    """Read a list of block volumes, or counts of blocks by class of volume.
+
+    The CSV has the column volume_m3 and, if one row is several blocks, count; or from_m3, to_m3
+    (empty in an open class) and count. Other columns are left out, and returned as well.
+    """
+    text = read_text(file, "blocks", "a CSV table of block volumes")
+    columns, _, _ = csv_cells(text, file)
+    needed = _CLASSES if "from_m3" in columns else _LIST
+    read = {*needed, "count"}
+    wrong = partial(InputError, file=file)
+    for name in needed:
+        if name not in columns:
+            found = ", ".join(columns) or "nothing"
+            expected = f"{_LIST[0]}, or {', '.join(_CLASSES[:-1])} and {_CLASSES[-1]}"
+            raise wrong("row 1: missing column", field=name, found=found, expected=expected)
+    others = tuple(c for c in columns if c not in read)
+    numbers = {**dict.fromkeys(needed, CsvColumn(float)), "count": CsvColumn(float, default=1.0)}
+    rows = []
+    for where, row in csv_rows(text, file, numbers | dict.fromkeys(others, CsvColumn(default=""))):
+        value = partial(_at_least, row=row, where=where, file=file)
+        low = high = value(needed[0], 0.0)
+        if needed is _CLASSES:
+            high = value("to_m3", low) if row["to_m3"] else math.inf
+        rows.append((low, high, value("count", 0.0) if "count" in columns else 1.0))
+    if not rows:
+        raise wrong("has no blocks", expected="one row for each block or class")
+    low, high, count = np.array(sorted(rows)).T
+    if needed is _CLASSES and (high[:-1] > low[1:]).any():
+        at = int(np.argmax(high[:-1] > low[1:]))
+        found = f"{high[at]:g}, and the next from {low[at + 1]:g}"
+        expected = "classes one above the other"
+        raise wrong("classes overlap", field="to_m3", found=found, expected=expected)
+    return BlockSurvey(low, high, count), others
+
+
+def _at_least(column: str, least: float, row: Mapping[str, str], where: str, file: Path) -> float:
+    """Return a volume above a least one, which is none itself, or a count."""
+    found = number(row[column], where, column, file)
+    if found < least or (column != "count" and found <= 0.0):
+        raise InputError(
+            f"{where}: cannot be used", file=file, field=column, found=row[column],
+            expected="0 or more" if column == "count" else f"a volume above {least:g} m3",
+        )  # fmt: skip
+    return found

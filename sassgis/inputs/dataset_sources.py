@@ -85,10 +85,15 @@ def dataset_sources(maps: xr.Dataset, preset: HazardPreset) -> tuple[list[Sample
             )  # fmt: skip
         rows = owner == k
         source = Source(
-            area, scenario, frequency, int(column["simulated_blocks"][k]),
-            int(maps.attrs["blocks_per_point"]), bool(maps.attrs["random_points"]),
-            float(column["block_width"][k]), int(column["never_started"][k]),
-        )  # fmt: skip
+            area=area,
+            scenario=scenario,
+            frequency=frequency,
+            rocks=int(column["simulated_blocks"][k]),
+            rocks_per_line=int(maps.attrs["blocks_per_point"]),
+            random_points=bool(maps.attrs["random_points"]),
+            block_width_m=float(column["block_width"][k]),
+            never_started=int(column["never_started"][k]),
+        )
         own = SourceCounts(cells[rows].astype(np.int64), counts[rows], squares[rows])
         none = SourceCounts.none(energies.size)
         found.append(Sampled(source, own, none, ControlLineSums(())))

@@ -28,8 +28,7 @@ from sassgis.files.gdal_safety import RASTER, kept_dataset, offline, open_datase
 from sassgis.files.plain_file import check_file, check_text, in_memory
 from sassgis.grid import BoolArray, Bounds, FloatArray, Grid
 from sassgis.inputs.dem_system import dem_system
-from sassgis.settings.crs import crs_name, crs_parts, same_crs
-from sassgis.settings.process import require_memory
+from sassgis.settings.process import crs_name, crs_parts, require_memory, same_crs
 from sassgis.settings.results import Band, RasterClass, RasterLayer
 from sassgis.settings.schema import AnyInput, InMemory, Input, named
 from sassgis.settings.styles import PICTURE
@@ -156,7 +155,15 @@ def _described(
     check_text(datum, file, "height system")
     check_text("" if plane is None else plane.name, file, "coordinate system")
     wkt = "" if plane is None else plane.to_wkt()
-    return DemFile(file, band, transform, dataset.shape, wkt, datum, vertical_unit)
+    return DemFile(
+        file=file,
+        band=band,
+        transform=transform,
+        shape=dataset.shape,
+        crs=wkt,
+        vertical_datum=datum,
+        vertical_unit=vertical_unit,
+    )
 
 
 @contextmanager
@@ -463,7 +470,13 @@ def on_cells(
         values, transform = read(dataset), dataset.transform
         systems = _pair_of_systems(dataset, grid, file, field)
     return resample(
-        values, transform, affine_of(grid), grid.shape, Resampling.nearest, nodata, systems
+        values=values,
+        transform=transform,
+        target=affine_of(grid),
+        shape=grid.shape,
+        how=Resampling.nearest,
+        nodata=nodata,
+        systems=systems,
     )
 
 
@@ -501,10 +514,12 @@ def read_base_map(file: Path | None, grid: Grid) -> RasterLayer | None:
             own and not same_crs(pyproj.CRS.from_wkt(own.to_wkt()), pyproj.CRS.from_wkt(grid.crs))
         ):
             raise InputError(
-                "is not in the coordinates of the terrain model", file=file, field=field,
+                "is not in the coordinates of the terrain model",
+                file=file,
+                field=field,
                 found=crs_name(own.to_wkt()) if own else "no coordinate system",
                 expected=crs_name(grid.crs) if grid.crs else "local coordinates",
-            )  # fmt: skip
+            )
         palette = {}
         if dataset.count < 3 and dataset.colorinterp[0].name == "palette":
             palette = dataset.colormap(1)
@@ -514,4 +529,12 @@ def read_base_map(file: Path | None, grid: Grid) -> RasterLayer | None:
         RasterClass(value, "", "#{:02x}{:02x}{:02x}".format(*colour[:3]))
         for value, colour in palette.items()
     )
-    return RasterLayer(_STEM, "Base map", "", bands, (), PICTURE, tuple(classes))
+    return RasterLayer(
+        stem=_STEM,
+        title="Base map",
+        note="",
+        bands=bands,
+        breaks=(),
+        ramp=PICTURE,
+        classes=tuple(classes),
+    )

@@ -97,9 +97,22 @@ def read_raw_dem(path: Path, crs: str | None = None, override_crs: bool = False)
     if not np.isfinite(values).any():
         raise InputError("holds no height at all", file=path, field=f"band {band}")
     return RawDem(
-        values, dx, dy, (west, north), (width, height), wkt, datum, unit, in_metres, square,
-        system_fault, unit_fault, nodata, not_heights, gaps,
-    )  # fmt: skip
+        values=values,
+        dx_m=dx,
+        dy_m=dy,
+        corner=(west, north),
+        cell=(width, height),
+        crs=wkt,
+        vertical_datum=datum,
+        unit=unit,
+        in_metres=in_metres,
+        square=square,
+        system_fault=system_fault,
+        unit_fault=unit_fault,
+        nodata=nodata,
+        not_heights=not_heights,
+        gaps=gaps,
+    )
 
 
 def _heights(dataset: Any, band: int, file: Path, factor: float) -> tuple[FloatArray, int]:

@@ -26,7 +26,7 @@ from sassgis.settings.exposure import (
     Vulnerability,
     VulnerabilityRow,
 )
-from sassgis.settings.profiles import TraceSet
+from sassgis.settings.results import TraceSet
 from sassgis.settings.schema import Input
 from sassgis.terrain.cells import cell_stretches
 
@@ -283,7 +283,7 @@ def _touched(shape: Any, grid: Grid) -> IntArray:
         x, y = np.ascontiguousarray(without_repeats(shapely.get_coordinates(shape)).T)
         s = np.append(0.0, np.cumsum(np.hypot(np.diff(x), np.diff(y))))
         line = TraceSet(
-            np.array([0, s.size]), x, y, s, np.zeros(1, np.int64), np.zeros(1, np.uint8)
+            np.array([0, s.size], np.int64), x, y, s, np.zeros(1, np.int64), np.zeros(1, np.uint8)
         )
         cells = np.unique(cell_stretches(grid, line)[2])
     else:

@@ -20,8 +20,8 @@ from sassgis.files.gdal_safety import layers_of, read_frame, vector_file
 from sassgis.files.plain_file import read_text
 from sassgis.gap.constants import DENSITY_KGM3
 from sassgis.gap.observations.checks import check_observations, empty_tables
-from sassgis.gap.observations.hops import with_passages
 from sassgis.gap.observations.observed import ObservationFinding, Observations, without
+from sassgis.gap.observations.projection import with_passages
 from sassgis.gap.observations.tables import TABLES, Metadata, Table
 from sassgis.grid import Grid
 from sassgis.inputs.csv_table import csv_cells
@@ -234,5 +234,13 @@ def _geopackage(file: Path, findings: list[ObservationFinding]) -> dict[str, Raw
                 frame = pd.DataFrame(frame.drop(columns=frame.geometry.name))
             columns = {str(c): frame[c].to_numpy(dtype=object) for c in frame.columns}
             rows = frame.index.to_numpy(np.int64)
-            raws[name] = RawTable(name, file, rows, columns, findings, shapes, crs)
+            raws[name] = RawTable(
+                name=name,
+                file=file,
+                rows=rows,
+                columns=columns,
+                findings=findings,
+                shapes=shapes,
+                crs=crs,
+            )
     return raws

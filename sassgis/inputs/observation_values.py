@@ -5,11 +5,14 @@ What cannot be used is left out and said so, row by row.
 
 from __future__ import annotations
 
+import json
 import math
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from functools import partial
+from importlib.resources import files
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -31,6 +34,7 @@ from sassgis.gap.observations.tables import (
     Stations,
     Table,
 )
+from sassgis.gap.verdict.verdict import CauseWeights, Thresholds, weights_of
 from sassgis.grid import FloatArray, Grid, IntArray
 from sassgis.inputs.vector_features import nearest, onto_grid, text_of, without_repeats
 from sassgis.settings.schema import Input
@@ -333,3 +337,42 @@ def metadata_of(raw: RawTable) -> Metadata:
             continue
         known[name] = number
     return Metadata(**known, others=others)
+
+
+#: Chosen on batteries of development, and frozen for all that is reported.
+THRESHOLDS = Path(str(files("sassgis").joinpath("data/gap_thresholds.json")))
+
+
+def read_thresholds(file: Path | None = None) -> dict[str, Any]:
+    """Return the frozen thresholds of the diagnosis; InputError if their file cannot be read.
+
+    Its list ``battery_seeds`` names the batteries that were looked at while they were chosen.
+    """
+    path = file or THRESHOLDS
+    try:
+        content = json.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError, RecursionError) as error:
+        reason = getattr(error, "strerror", None) or str(error)
+        raise InputError("thresholds cannot be read", file=path, found=reason) from None
+    seeds = content.get("battery_seeds") if isinstance(content, dict) else None
+    if not isinstance(seeds, list) or not all(isinstance(s, int) for s in seeds):
+        raise InputError(
+            "says not on which batteries the thresholds were chosen", file=path,
+            field="battery_seeds", found=seeds, expected="a list of whole numbers",
+        )  # fmt: skip
+    return dict(content)
+
+
+def thresholds_of(content: dict[str, Any]) -> Thresholds:
+    """Return thresholds in the content of their file; what it does not name keeps its default."""
+    names = {field.name for field in fields(Thresholds)}
+    return Thresholds(**{k: v for k, v in content.items() if k in names})
+
+
+def cause_weights_of(content: dict[str, Any]) -> CauseWeights:
+    """Return weights in the content of their file; InputError if they are missing or no weights."""
+    try:
+        return weights_of(content["weights"])
+    except (KeyError, TypeError, ValueError) as error:
+        problem, found = "weights of the fingerprints cannot be read", repr(error)
+        raise InputError(problem, file=THRESHOLDS, field="weights", found=found) from None

@@ -127,16 +127,22 @@ def _preset(text: str, name: str, file: str) -> HazardPreset:
         # Rules that say nothing of sheets: those that come with sassgis.
         sheet_rules = read_preset("ch-so").sheet
     return HazardPreset(
-        name, content["title"].strip(), intensities, tuple(periods["limits_years"]),
-        source(periods["source"], "return_periods"), levels,
-        tuple(tuple(codes.index(code) for code in row["levels"]) for row in rows.values()),
-        tuple(
+        name=name,
+        title=content["title"].strip(),
+        intensities=intensities,
+        return_periods=tuple(periods["limits_years"]),
+        return_period_provenance=source(periods["source"], "return_periods"),
+        levels=levels,
+        matrix=tuple(tuple(codes.index(code) for code in row["levels"]) for row in rows.values()),
+        matrix_provenance=tuple(
             tuple(source(key, where) for key in _sources_of(row, where, file))
             for where, row in rows.items()
         ),
-        file, rarest and rarest["years"], rarest and source(rarest["source"], "rarest"),
-        sheet_rules,
-    )  # fmt: skip
+        file=file,
+        rarest_years=rarest and rarest["years"],
+        rarest_provenance=rarest and source(rarest["source"], "rarest"),
+        sheet=sheet_rules,
+    )
 
 
 def _rows_of(matrix: Mapping[str, Any], known: list[str], file: str) -> dict[str, Any]:
@@ -147,9 +153,12 @@ def _rows_of(matrix: Mapping[str, Any], known: list[str], file: str) -> dict[str
     for code in known:
         if code not in matrix:
             raise InputError(
-                "the matrix has a hole: no row for an intensity class", file=file, field="matrix",
-                found=", ".join(matrix) or "no row", expected=f"a section [matrix.{code}]",
-            )  # fmt: skip
+                "the matrix has a hole: no row for an intensity class",
+                file=file,
+                field="matrix",
+                found=", ".join(matrix) or "no row",
+                expected=f"a section [matrix.{code}]",
+            )
     return {f"matrix.{code}": matrix[code] for code in known}
 
 

@@ -155,7 +155,13 @@ def _read_map(file: Path, wanted: Sequence[str]) -> RasterLayer:
         tags = dataset.tags()
         classes = _classes(dataset)
         return RasterLayer(
-            file.stem, tags.get("TITLE", file.stem), tags.get("NOTE", ""), bands, (), "", classes
+            stem=file.stem,
+            title=tags.get("TITLE", file.stem),
+            note=tags.get("NOTE", ""),
+            bands=bands,
+            breaks=(),
+            ramp="",
+            classes=classes,
         )
 
 

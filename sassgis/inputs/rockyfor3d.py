@@ -29,9 +29,9 @@ from sassgis.engine.effects.trees import energy_ratios
 from sassgis.errors import InputError
 from sassgis.files.plain_file import read_text
 from sassgis.grid import FloatArray, IntArray
-from sassgis.inputs.defaults import StartKeys, seen_from_folder
 from sassgis.inputs.dem import open_raster, read_band
 from sassgis.inputs.dem_system import extent_text
+from sassgis.inputs.site_layers import StartKeys, seen_from_folder
 
 _OPTION = "--rockyfor3d"
 _wrong = partial(InputError, field=_OPTION)

@@ -26,8 +26,8 @@ from sassgis.inputs.dem import (
     require_room,
 )
 from sassgis.inputs.dem_system import extent_text
-from sassgis.settings.crs import crs_name, same_crs
-from sassgis.settings.labels import some_of
+from sassgis.settings.process import crs_name, same_crs
+from sassgis.settings.results import some_of
 from sassgis.settings.schema import AnyInput, InMemory, Input, named
 
 #: Rasters by their suffix; other files of a folder of tiles do not count.

@@ -18,7 +18,7 @@ from sassgis.errors import OutputError
 from sassgis.files.atomic_output import writing
 from sassgis.files.gdal_safety import pyogrio_settings
 from sassgis.files.vector_layer import KEY_COLUMN, VectorLayer, translated_vector
-from sassgis.outputs.qgis.markup import qml
+from sassgis.outputs.qgis.entries import qml
 from sassgis.settings.styles import FieldInfo
 
 GEOMETRY_COLUMN = "geom"

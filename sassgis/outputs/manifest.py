@@ -22,7 +22,7 @@ from sassgis.files.atomic_output import MANIFEST_DIGEST, result_files, write_jso
 from sassgis.files.digests import content_digest, json_digest
 from sassgis.files.input_parts import files_of
 from sassgis.files.plain_file import seen_from
-from sassgis.settings.labels import rounded
+from sassgis.settings.results import rounded
 from sassgis.settings.schema import InMemory, Input
 
 MANIFEST_FORMAT = 1

@@ -27,7 +27,7 @@ from sassgis.files.plain_file import seen_from
 from sassgis.inputs.dem import open_raster
 from sassgis.inputs.tiles import Terrain, open_tiles
 from sassgis.inputs.vector_features import open_layer
-from sassgis.outputs.qgis.markup import filled
+from sassgis.outputs.qgis.entries import filled
 
 SERVER = "https://data.geo.admin.ch/api/stac/v1"
 COLLECTION = "ch.swisstopo.swissalti3d"

@@ -10,15 +10,15 @@ import numpy as np
 import sassgis
 from sassgis.gap.fit.class_calibration import SiteCalibration, SiteResult
 from sassgis.gap.fit.distances import Interval
-from sassgis.gap.fit.identifiability import Fitted
+from sassgis.gap.fit.parameters import Fitted
 from sassgis.gap.words import with_unit_in_brackets
 from sassgis.report import page
-from sassgis.report.figures.calibration_figures import parameters_figure, quantity_curves_figure
+from sassgis.report.figures.gap_figures import parameters_figure, quantity_curves_figure
 from sassgis.report.gap_answer import interval_text
 from sassgis.report.gap_report import FEW_ROCKS
-from sassgis.report.pictures import picture
-from sassgis.settings.labels import ground_name
+from sassgis.report.page import picture
 from sassgis.settings.languages import joined, phrase, translated
+from sassgis.settings.results import ground_name
 
 #: Panels of one site.
 _PANELS = 6

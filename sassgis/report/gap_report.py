@@ -13,14 +13,14 @@ import sassgis
 from sassgis.gap import words
 from sassgis.gap.diagnosis import Advice, Diagnosis, GapFinding, ModelGap
 from sassgis.gap.observations.case import Case
-from sassgis.gap.verdict.findings import (
+from sassgis.gap.verdict.verdict import (
+    causes_in,
     is_stretch,
     limits_on,
     line_stretch,
     observed_end,
     used_lines,
 )
-from sassgis.gap.verdict.verdict import causes_in
 from sassgis.grid import FloatArray
 from sassgis.report import gap_answer
 from sassgis.report.figures.gap_figures import (
@@ -31,11 +31,18 @@ from sassgis.report.figures.gap_figures import (
     gap_map_figure,
     gap_where_figure,
 )
-from sassgis.report.page import Cell, ReportContext, ReportFigure, ReportTable, sensible, table_of
-from sassgis.report.pictures import picture
+from sassgis.report.page import (
+    Cell,
+    ReportContext,
+    ReportFigure,
+    ReportTable,
+    picture,
+    sensible,
+    table_of,
+)
 from sassgis.settings.ground import PARAMETERS, GroundTable
-from sassgis.settings.labels import ground_name
 from sassgis.settings.languages import Phrase, capital, joined, phrase, translated
+from sassgis.settings.results import ground_name
 
 #: Below this number of rocks the report warns of it.
 FEW_ROCKS = 20

@@ -33,7 +33,7 @@ from sassgis.settings.languages import current_language, phrase, translated
 from sassgis.settings.map_run import MapRun
 from sassgis.settings.results import RasterLayer
 from sassgis.settings.styles import class_colours, class_labels, rgb
-from sassgis.simulation.along_profile import LinePaths
+from sassgis.simulation.path_sample import LinePaths
 
 #: Maps that can be chosen, the first that there is at the beginning.
 _SHOWN = ("hazard_level", "energy", "reach_probability", "passing_height", "return_period")

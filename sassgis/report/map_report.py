@@ -1,4 +1,4 @@
-"""Figures and report of a run on the map."""
+"""Figures and reports of runs on the map and along a profile, and their answer in a few lines."""
 
 from __future__ import annotations
 
@@ -12,28 +12,139 @@ import shapely
 from matplotlib.figure import Figure
 
 from sassgis.grid import FloatArray, IntArray
-from sassgis.hazard.warnings import ground_shares
+from sassgis.hazard.assess import Assessment
+from sassgis.hazard.risk import total_rows
+from sassgis.hazard.sources import ReachAngles
+from sassgis.hazard.warnings import ground_shares, sample_words
 from sassgis.report import figures
 from sassgis.report.figures.map_marks import MapObject
-from sassgis.report.page import ReportContext, ReportFigure, ReportTable, table_of
-from sassgis.report.pictures import map_alt, path_alt, picture, station_alt
-from sassgis.report.run_summary import runout_words
+from sassgis.report.page import (
+    Cell,
+    ReportContext,
+    ReportFigure,
+    ReportTable,
+    map_alt,
+    path_alt,
+    picture,
+    sensible,
+    station_alt,
+    table_of,
+)
 from sassgis.settings.ground import TRUST_TEXT
-from sassgis.settings.labels import (
+from sassgis.settings.languages import joined, named, phrase
+from sassgis.settings.map_run import MapRun
+from sassgis.settings.results import (
     LINE_END_TEXT,
     STOP_TEXT,
+    RasterLayer,
+    StopReason,
     file_stems,
     ground_name,
     thousands,
 )
-from sassgis.settings.languages import joined, named, phrase
-from sassgis.settings.map_run import MapRun
-from sassgis.settings.results import RasterLayer, StopReason
 from sassgis.settings.statistics_table import FEW_BLOCKS
 from sassgis.simulation.accumulators import Progress, joined_lines
-from sassgis.simulation.along_profile import LinePaths
 from sassgis.simulation.control_lines import ControlLineSums, control_line_rows, trimmed
-from sassgis.terrain.plan import Plan
+from sassgis.simulation.path_sample import STRETCH_M, LinePaths, ProfileResult
+from sassgis.terrain.prepare import Plan
+
+Lines = tuple[tuple[str, str], ...]
+
+
+def runout_words(counts: IntArray, text: str) -> str:
+    """Put the run-out of blocks, counted in bins of 1 m, into a text; empty for none."""
+    if not counts.sum():
+        return ""
+    below = np.cumsum(counts)
+    median, most = (int(np.searchsorted(below, share * below[-1])) + 1 for share in (0.5, 0.95))
+    longest = int(np.flatnonzero(counts)[-1]) + 1
+    return phrase(text, sensible(median), sensible(most), sensible(longest))
+
+
+def run_lines(progress: Progress, angles: ReachAngles) -> Lines:
+    """State run-out of started blocks, and the angles under which their stops are seen."""
+    text = "median {} m, 95 % of the blocks within {} m, longest {} m (along the path, in plan)"
+    words = runout_words(progress.started_runout, text)
+    lines = [("Run-out", words)] if words else []
+    for name, values, text in (
+        (
+            "Reach angle",
+            angles.reach_deg,
+            "99 % of the blocks above {}, 95 % above {}, median {}, seen from the release point",
+        ),
+        (
+            "Shadow angle",
+            angles.shadow_deg,
+            "99 % of the blocks above {}, 95 % above {}, median {}, seen from the foot of the "
+            "cliff",
+        ),
+    ):
+        if np.isfinite(values).any():
+            # The smallest of all is that of some block that has hardly moved.
+            low = np.quantile(values[np.isfinite(values)], (0.01, 0.05, 0.5))
+            lines.append((name, phrase(text, *(f"{angle:.1f}°" for angle in low))))
+    return tuple(lines)
+
+
+def profile_lines(result: ProfileResult) -> Lines:
+    """State where the blocks of a profile stop, and what passes its stations and barriers."""
+    # Of released blocks that started; one that a barrier stops has not come beyond it.
+    started = result.rocks["reason"] != StopReason.NEVER_STARTED
+    bins = np.maximum(np.ceil(result.rocks["runout_m"][started]) - 1.0, 0.0).astype(np.int64)
+    text = "median {} m, 95 % of the blocks within {} m, longest {} m (chainage)"
+    words = runout_words(np.bincount(bins), text)
+    lines = [("Run-out", words)] if words else []
+    for k, (line, _) in enumerate(result.profile.control_lines):
+        energy = result.control_lines.distribution(k, "energy_kj")
+        of = (energy.count, result.rocks.size + result.pieces.size)
+        arrive = phrase("{} of {} blocks arrive", *of)
+        if energy.count:
+            (most,) = energy.quantile(0.95)
+            text = "{} of {} blocks arrive; energy: 95 % of them below {} kJ"
+            arrive = phrase(text, *of, sensible(most))
+        lines.append((line.described, arrive))
+    return tuple(lines)
+
+
+def object_lines(exposed: ReportTable) -> Lines:
+    """State how many of all exposed objects blocks reach, and which with the most energy."""
+    if not exposed.rows:
+        return ()
+    reached = [row for row in exposed.rows if row[-2] is not None or row[-1] is not None]
+    words = phrase("blocks reach {} of {}", len(reached), len(exposed.rows))
+    if reached and reached[0][-2] is not None:
+        (what, unit), of = exposed.columns[-2], (len(reached), len(exposed.rows))
+        text = "blocks reach {} of {}; most at {}: {} {} {}"
+        words = phrase(text, *of, reached[0][0], phrase(what), reached[0][-2], unit)
+    return (("Energy at exposed objects", words),)
+
+
+def zone_lines(
+    levels: ReportTable, found: Assessment, edge: str, confidence: float, currency: str
+) -> Lines:
+    """State the area of the zones by level, how sure they are, and the risk of all objects."""
+    areas = [phrase("{} {} m²", phrase(str(row[0])), sensible(row[2])) for row in levels.rows]
+    hazard = found.hazard
+    text = "{} The hatched cells ({} % of the zoned area) hold {} % of these changes."
+    shares = (f"{100 * share:.3g}" for share in (hazard.uncertain_share, confidence))
+    sample = phrase(text, sample_words(hazard.changed_share), *shares)
+    lines: list[tuple[str, str]] = [
+        ("Hazard zones", joined("; ", areas)), ("Sampling error", sample)
+    ]  # fmt: skip
+    if edge:
+        lines.append(("Edge of the terrain model", edge))
+    if hazard.edits:
+        changed = sum(a.has_changed for a in hazard.edits)
+        text = "places: {}; computed level changed since below: {}"
+        lines.append(("Edited by hand", phrase(text, len(hazard.edits), changed)))
+    if found.risk is not None:
+        total = total_rows(found.risk)[-1]
+        text = "loss {} {}/year; deaths {} per year; largest individual risk {} per year"
+        loss, deaths = (sensible(total[f"{name}_per_year"]) for name in ("loss", "deaths"))
+        largest = sensible(total["individual_risk_largest_per_year"])
+        risk = phrase(text, loss, currency, deaths, largest)
+        lines.append(("Risk of all exposed objects", risk))
+    return tuple(lines)
 
 
 def release_outlines(run: MapRun) -> list[FloatArray]:
@@ -300,3 +411,85 @@ def map_report(
         tables=(*control_line_tables(progress.control_lines), _block_table(run),
                 _ground_table(run, progress.sums.cells), line_ends),
     )  # fmt: skip
+
+
+def profile_panel(result: ProfileResult, title: str = "") -> figures.ProfilePanel:
+    """Return the slope with trajectories, control lines and stops, for one or several panels."""
+    p = result.profile
+    ended = np.concatenate([result.rocks, result.pieces])
+    drawn = (ended["rock"] < result.drawn) & (ended["reason"] != StopReason.BROKEN)
+    return figures.ProfilePanel(
+        s=p.s,
+        z=p.z,
+        trajectories=list(result.paths),
+        ground=p.ground.astype(np.int64),
+        ground_names=p.table.names,
+        control_lines=[(g, c, float(np.interp(c, p.s, p.z))) for g, c in p.control_lines],
+        stops=ended["runout_m"][drawn],
+        title=title or p.name,
+    )
+
+
+def profile_report(
+    result: ProfileResult,
+    warnings: Sequence[str],
+    effects: Sequence[str],
+    byline: tuple[str, ...],
+    provenance: tuple[tuple[str, Cell], ...],
+    folder: Path,
+) -> ReportContext:
+    """Draw the figures of a profile into ``folder`` and put the report together."""
+    p = result.profile
+    length, relief = p.s[-1] - p.s[0], p.z.max() - p.z.min()
+    text = "{} vertices, {} m long, {} m of relief"
+    return ReportContext(
+        title=p.name,
+        subtitle="Rockfall along one profile with the SASS model (Bozzolo and Pamini, 1986)",
+        what_was_run=(
+            ("Profile", phrase(text, p.s.size, f"{length:.0f}", f"{relief:.0f}")),
+            ("Start", phrase("chainage {} to {} m", *(f"{s:g}" for s in p.start))),
+            ("Simulated blocks", int(result.rocks.size)),
+            ("Fragments and entrained blocks", int(result.pieces.size)),
+            ("Effects beyond the model of 1986", ", ".join(effects) or "none"),
+        ),
+        byline=byline,
+        summary=profile_lines(result),
+        warnings=tuple(warnings),
+        key_results=stopping_reasons(
+            np.bincount(result.rocks["reason"], minlength=len(StopReason))
+        ),
+        figures=tuple(_profile_pictures(result, folder)),
+        tables=tuple(control_line_tables(result.control_lines)),
+        provenance=provenance,
+    )
+
+
+def _profile_pictures(result: ProfileResult, folder: Path) -> list[ReportFigure]:
+    p = result.profile
+    caption = "Paths of the centres of the blocks; chainage in plan."
+    figure = figures.profile_figure([profile_panel(result)])
+    out = [picture(folder, "profile", "Trajectories", caption, figure)]
+    caption = phrase("Quantiles of the blocks that reach each stretch of {} m.", f"{STRETCH_M:g}")
+    for quantity, title in (
+        ("energy", "Energy along the profile"),
+        ("speed", "Speed along the profile"),
+        ("height", "Passing height along the profile"),
+    ):
+        figure = figures.energy_profile_figure(
+            result.stretches, result.along[quantity], p.s, p.z, quantity=quantity,
+            control_lines=list(p.control_lines),
+        )  # fmt: skip
+        out.append(picture(folder, f"{quantity}_along", title, caption, figure))
+    ended = np.concatenate([result.rocks, result.pieces])
+    caption = "Chainage at which blocks stop, by reason."
+    if result.pieces.size:
+        caption = "Chainage at which blocks, fragments and entrained blocks stop, by reason."
+    last = np.ceil(np.ptp(ended["runout_m"])) + 1.0
+    edges = np.floor(ended["runout_m"].min()) + np.arange(last + 1.0)
+    counts = {
+        r: np.histogram(ended["runout_m"][ended["reason"] == r], edges)[0] for r in StopReason
+    }
+    figure = figures.runout_figure(edges, counts)
+    out.append(picture(folder, "runout", "Run-out", caption, figure))
+    caption = "First downhill passage."
+    return out + station_figures(result.control_lines, result.rocks.size, folder, caption, {})

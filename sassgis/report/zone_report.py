@@ -14,20 +14,28 @@ from matplotlib.figure import Figure
 from sassgis.grid import FloatArray
 from sassgis.hazard.assess import Assessment, Hazard, Rules, raster
 from sassgis.hazard.curves import source_rate
-from sassgis.hazard.preset_labels import energy_labels, period_labels
+from sassgis.hazard.levels import energy_labels, period_labels
 from sassgis.hazard.risk import RiskTable, total_rows
 from sassgis.hazard.zoning.applied_edits import shares_text
 from sassgis.hazard.zoning.coverage import Coverage
 from sassgis.report import figures
-from sassgis.report.exposed_report import limited, map_objects
 from sassgis.report.map_report import map_marks
-from sassgis.report.page import Cell, ReportFigure, ReportTable, heads, sensible, table_of
-from sassgis.report.pictures import classes_alt, map_alt, picture
+from sassgis.report.page import (
+    Cell,
+    ReportFigure,
+    ReportTable,
+    classes_alt,
+    heads,
+    map_alt,
+    picture,
+    sensible,
+    table_of,
+)
+from sassgis.report.protection_page import limited, map_objects
 from sassgis.settings.hazard_rules import LIMIT_TEXT, HazardPreset
-from sassgis.settings.labels import rounded, thousands
 from sassgis.settings.languages import joined, phrase
 from sassgis.settings.map_run import MapRun
-from sassgis.settings.results import RasterLayer
+from sassgis.settings.results import RasterLayer, rounded, thousands
 
 BARRIERS_TITLE = "Effect of walls and nets"
 

@@ -1,16 +1,28 @@
-"""Calibration of ground classes on observations of one or several sites, from files to a report."""
+"""Calibration of ground classes on observations; the case of a diagnosis and its warnings."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+import hashlib
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from functools import partial
 from itertools import count
 from pathlib import Path
 
+import numpy as np
+
 from sassgis.errors import InputError, Interrupted
 from sassgis.files.atomic_output import CHECKPOINT_STEM, output_if_asked
 from sassgis.files.digests import value_digest
-from sassgis.gap.constants import CALIBRATED_ROCKS, CLASS_COUNT
+from sassgis.files.input_parts import file_digest
+from sassgis.gap.constants import (
+    CALIBRATED_ROCKS,
+    CLASS_COUNT,
+    LAW_BOUNDS,
+    WARNED_GROUPS,
+    WARNED_LEAVING,
+    WARNED_LIMIT,
+)
 from sassgis.gap.fit.class_calibration import (
     SiteCalibration,
     budget_of,
@@ -22,33 +34,159 @@ from sassgis.gap.fit.class_calibration import (
     search,
     spread_of_sites,
 )
-from sassgis.gap.fit.parameters import fitted_names
+from sassgis.gap.fit.parameters import fitted_names, learned_contacts
 from sassgis.gap.fit.site_data import SiteData, site_data_of
-from sassgis.gap.observations.case import Case, classes_met
-from sassgis.inputs.config import as_named
+from sassgis.gap.forward.released_rocks import HypothesisModel
+from sassgis.gap.observations.case import Case, case_of, classes_met, drop_and_density
+from sassgis.inputs.config import as_named, settings_hash
 from sassgis.inputs.ground_map import read_ranges
-from sassgis.inputs.observation_files import AnyObservations
-from sassgis.outputs.calibration_files import (
+from sassgis.inputs.observation_files import AnyObservations, observation_source, read_observations
+from sassgis.outputs.gap_files import (
     FITTED_NAME,
     write_calibrated_config,
     write_calibration_json,
     write_classes,
 )
-from sassgis.outputs.frames import write_table
 from sassgis.outputs.layers.variant_layers import rule_table
 from sassgis.outputs.manifest import write_manifest
+from sassgis.outputs.zone_tables import write_table
 from sassgis.report.calibration_report import calibration_report, calibration_warnings
 from sassgis.report.page import translated_report, write_report
 from sassgis.runs.draw_store import DrawStore
-from sassgis.runs.gap_case import comparable, observations_name, observed_files, read_case
-from sassgis.runs.gap_warnings import scenario_warnings
-from sassgis.runs.inputs import input_files
+from sassgis.runs.inputs import input_files, read_map_run
 from sassgis.runs.resumable_run import AnyConfig, configured, workers_asked
 from sassgis.settings.ground import PARAMETERS, GroundTable
-from sassgis.settings.languages import in_language
-from sassgis.settings.run_config import Config
+from sassgis.settings.languages import in_language, joined, phrase
+from sassgis.settings.map_run import Config
 from sassgis.settings.schema import Input
 from sassgis.simulation.workers import Jobs, OnProgress, one_algebra_thread, task_map
+
+
+def comparable(problem: SiteData, observations: AnyObservations) -> SiteData:
+    """Return problem; InputError if nothing was measured that a simulation can be compared with."""
+    if not problem.scored:
+        tables = problem.case.observations.tables
+        rows = ", ".join(f"{len(t)} {name}" for name, t in tables.items() if len(t))
+        raise InputError(
+            "nothing to compare simulations with",
+            file=observations_name(observations), field="deposits, passages, impacts",
+            found=rows or "no rows",
+            expected="stops, passages at stations, of 5 rocks or more, or impacts",
+        )  # fmt: skip
+    return problem
+
+
+def read_case(config: AnyConfig, observations: AnyObservations) -> Case:
+    """Read a configuration and observations: a GeoPackage, a folder of CSV files, or the tables."""
+    run = read_map_run(configured(config, None))
+    seen = read_observations(observations, run.grid, *drop_and_density(run.blocks))
+    return case_of(run, seen, observations_name(observations))
+
+
+def observations_name(observations: AnyObservations) -> Path:
+    """Return the name of the observations in messages."""
+    return Path("observations" if isinstance(observations, Mapping) else observations)
+
+
+def observed_files(case: Case) -> dict[str, Input]:
+    """Return the files of the observations, each once, by their role."""
+    files = sorted({*case.observations.files.values()}, key=str)
+    return {f"observations {file.name}": file for file in files}
+
+
+def fingerprint_of(config: Config, observations: AnyObservations, options: str) -> str:
+    """Return the fingerprint of settings, inputs, observations and options."""
+    digest = hashlib.sha256(settings_hash(config).encode())
+    source = observation_source(observations)
+    tables = {"": source} if isinstance(source, Path) else source
+    digest.update("".join(f"{name} {file_digest(own)}" for name, own in tables.items()).encode())
+    digest.update(options.encode())
+    return digest.hexdigest()
+
+
+def prepared_case(
+    settings: AnyConfig, observations: AnyObservations, seed: int, ground: float
+) -> Case:
+    """Return a case with the contacts that were recorded, and the range of the ground."""
+    case = replace(read_case(settings, observations), ground_range=ground)
+    return replace(case, learned=learned_contacts(case, seed))
+
+
+def scenario_warnings(config: Config) -> tuple[str, ...]:
+    """Warn that of several block scenarios only one counts."""
+    if len(config.blocks) == 1:
+        return ()
+    text = "Values not measured of a rock are those of the first block scenario ({})."
+    return (phrase(text, config.blocks[0].name),)
+
+
+def group_warnings(case: Case) -> tuple[str, ...]:
+    """Warn of too few groups to separate what their members share from a cause."""
+    groups = np.unique(case.group).size
+    if groups >= WARNED_GROUPS:
+        return ()
+    text = "The rocks are in {} groups." if groups > 1 else "The rocks are in 1 group."
+    found = phrase(text, groups)
+    told = phrase(
+        "With fewer than {} groups, causes cannot be separated from what the rocks of a group "
+        "share. Intervals are far too narrow.",
+        WARNED_GROUPS,
+    )
+    return (joined(" ", (found, told)),)
+
+
+def stop_warnings(case: Case) -> tuple[str, ...]:
+    """Warn that rocks passed the last station without a stop: the farthest may be among them."""
+    seen = case.observations
+    lying = seen.rock_of("deposits")
+    if not (lying >= 0).any() or not case.station_names:
+        return ()
+    last = seen.passages.station == case.station_names[-1]
+    lost = np.setdiff1d(seen.rock_of("passages")[last], [*lying, -1])
+    if not lost.size:
+        return ()
+    text = (
+        "Rocks that passed the last station and have no stop: {}. Observed run-outs may be too "
+        "short."
+    )
+    return (phrase(text, lost.size),)
+
+
+def limit_warnings(case: Case, model: HypothesisModel) -> tuple[str, ...]:
+    """Warn that values of the ground are as far as any ground has shown."""
+    met = [own for own in model.table.classes if own.name in case.met]
+    found = [
+        f"{own.name} {name} {getattr(own, name):.2g}"
+        for own in met
+        for name in LAW_BOUNDS
+        if _at_limit(name, getattr(own, name))
+    ]
+    if not found:
+        return ()
+    text = (
+        "Values at the limit of all known grounds: {}. The contact may follow a law that the "
+        "model lacks."
+    )
+    return (phrase(text, ", ".join(found)),)
+
+
+def _at_limit(name: str, value: float) -> bool:
+    low, high = LAW_BOUNDS[name]
+    near = WARNED_LIMIT * (high - low)
+    # Most ground has no loss that grows with the speed.
+    return high - value < near or (value - low < near and name != "mu_v")
+
+
+def edge_warnings(before: float, after: float) -> tuple[str, ...]:
+    """Warn that rocks leave the terrain, as configured and in the model that is handed over."""
+    if max(before, after) < WARNED_LEAVING:
+        return ()
+    text = (
+        "{} % of the rocks as configured and {} % in the calibrated model reach the edge of the "
+        "terrain model or the end of their fall line. They count as stopped there. They may come "
+        "farther."
+    )
+    return (phrase(text, *(f"{100.0 * share:.0f}" for share in (before, after))),)
 
 
 def calibrate(

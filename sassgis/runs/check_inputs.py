@@ -13,7 +13,7 @@ import numpy as np
 from sassgis.errors import InputError
 from sassgis.grid import Grid
 from sassgis.hazard.adaptive_sampling import check_budget
-from sassgis.hazard.measured_motion import size_warnings
+from sassgis.hazard.design import size_warnings
 from sassgis.hazard.warnings import (
     ground_warnings,
     idle_areas,
@@ -21,8 +21,8 @@ from sassgis.hazard.warnings import (
     release_warnings,
     rule_warnings,
 )
-from sassgis.inputs.edit_polygons import read_edits
 from sassgis.inputs.ground_map import default_class, read_ground_table
+from sassgis.inputs.vectors import read_edits
 from sassgis.runs.inputs import (
     collected_notices,
     compares_barriers,
@@ -36,17 +36,16 @@ from sassgis.runs.inputs import (
 )
 from sassgis.runs.resumable_run import check_means, workers_asked
 from sassgis.runs.variant_lab import spread_rules
-from sassgis.settings.crs import crs_name
 from sassgis.settings.ground import TRUST_TEXT, GroundTable
-from sassgis.settings.map_run import MapRun, ReleaseArea
+from sassgis.settings.map_run import Config, MapRun, ReleaseArea
+from sassgis.settings.process import crs_name
 from sassgis.settings.results import ControlLine
-from sassgis.settings.run_config import Config
 from sassgis.settings.schema import Input
-from sassgis.simulation.along_profile import ProfileInput
 from sassgis.simulation.estimate import RunEstimate, estimate_of, require_profile
 from sassgis.simulation.loop import check_starts, on_known_ground
+from sassgis.simulation.path_sample import ProfileInput
 from sassgis.terrain.edge import ANGLE_DEG, beyond_edge
-from sassgis.terrain.plan import placed_points, plan
+from sassgis.terrain.prepare import placed_points, plan
 
 
 @dataclass(frozen=True, slots=True)

@@ -16,17 +16,18 @@ from sassgis.inputs.dem_raw import RawDem, read_raw_dem
 from sassgis.inputs.dem_system import in_options
 from sassgis.report.page import ReportContext, ReportTable, write_report
 from sassgis.runs.inputs import collected_notices
-from sassgis.settings.crs import crs_name
+from sassgis.settings.process import crs_name
 from sassgis.terrain.dem_defects import (
+    TRACES_ADVICE,
     bumps_m,
     contour_interval,
     depression_depth,
     equal_neighbours,
     height_step,
     inner_holes,
+    nodata_traces,
 )
 from sassgis.terrain.edge import ANGLE_DEG, beyond_edge
-from sassgis.terrain.nodata_traces import TRACES_ADVICE, nodata_traces
 from sassgis.terrain.slope_units import WALL_SHARE, slopes_deg, wall_share
 
 Verdict = Literal["good", "look", "bad"]

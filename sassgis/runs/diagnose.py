@@ -51,8 +51,8 @@ from sassgis.gap.fit.hypothesis_fit import (
 )
 from sassgis.gap.fit.linear_fit import summary_of
 from sassgis.gap.fit.site_data import SiteData, site_data_of
-from sassgis.gap.forward.hypothesis_model import HypothesisModel, model_as_json
 from sassgis.gap.forward.observation_operator import share_left
+from sassgis.gap.forward.released_rocks import HypothesisModel, model_as_json
 from sassgis.gap.observations.case import Case
 from sassgis.gap.verdict.evidence import (
     AddedCauses,
@@ -64,31 +64,29 @@ from sassgis.gap.verdict.evidence import (
 from sassgis.gap.verdict.model_comparison import CONFIGURED, GROUND
 from sassgis.gap.verdict.verdict import adequate, causes_in
 from sassgis.grid import FloatArray
-from sassgis.inputs.gap_thresholds import cause_weights_of, read_thresholds, thresholds_of
 from sassgis.inputs.observation_files import AnyObservations
+from sassgis.inputs.observation_values import cause_weights_of, read_thresholds, thresholds_of
 from sassgis.outputs.gap_files import write_config_back, write_diagnosis_json, write_gap_gpkg
 from sassgis.report.gap_report import gap_report, report_warnings
 from sassgis.report.page import translated_report, write_report
-from sassgis.runs.draw_store import told_tasks
-from sassgis.runs.gap_case import (
+from sassgis.runs.calibrate import (
     comparable,
+    edge_warnings,
     fingerprint_of,
+    group_warnings,
+    limit_warnings,
     observations_name,
     observed_files,
     prepared_case,
-)
-from sassgis.runs.gap_warnings import (
-    edge_warnings,
-    group_warnings,
-    limit_warnings,
     scenario_warnings,
     stop_warnings,
 )
+from sassgis.runs.draw_store import told_tasks
 from sassgis.runs.provenance import write_origin
 from sassgis.runs.resumable_run import AnyConfig, configured, workers_asked
-from sassgis.settings.crs import crs_name
 from sassgis.settings.languages import in_language
-from sassgis.settings.run_config import Config
+from sassgis.settings.map_run import Config
+from sassgis.settings.process import crs_name
 from sassgis.simulation.workers import Jobs, OnProgress, one_algebra_thread, task_map
 
 #: Folder of the result in which the maps before and after are put, where they are wanted.

@@ -16,27 +16,24 @@ from sassgis.files.input_parts import file_digest
 from sassgis.grid import FloatArray, Grid
 from sassgis.hazard.assess import Rules
 from sassgis.hazard.sources import onset_frequencies
-from sassgis.hazard.zoning.cell_outlines import check_cells
+from sassgis.hazard.zoning.coverage import check_cells
 from sassgis.inputs.config import FILE_KEYS, profile_control_lines
+from sassgis.inputs.csv_table import check_on_profile, read_frequencies, read_profile
 from sassgis.inputs.dem import lone_zeros, read_base_map
-from sassgis.inputs.forest import read_forest
-from sassgis.inputs.frequencies import read_frequencies
-from sassgis.inputs.ground_map import default_class, ground_raster, read_ground_table
+from sassgis.inputs.ground_map import default_class, ground_raster, read_forest, read_ground_table
 from sassgis.inputs.objects import joined_objects, object_cells, read_objects, read_vulnerability
 from sassgis.inputs.presets import read_preset
-from sassgis.inputs.profile_csv import check_on_profile, read_profile
 from sassgis.inputs.tiles import read_terrain
 from sassgis.inputs.vectors import read_control_lines, read_release, release_names
 from sassgis.settings.exposure import PlacedObjects
 from sassgis.settings.ground import GroundTable
 from sassgis.settings.hazard_rules import HazardPreset, Onset
-from sassgis.settings.map_run import Forest, MapRun, ObjectCells, ReleaseArea
+from sassgis.settings.map_run import Config, Forest, MapRun, ObjectCells, ReleaseArea
 from sassgis.settings.results import ControlLine
-from sassgis.settings.run_config import Config
 from sassgis.settings.schema import Input, is_preset_file
-from sassgis.simulation.along_profile import ProfileInput, stretches_of
 from sassgis.simulation.estimate import require_profile
-from sassgis.terrain.nodata_traces import TRACES_ADVICE, nodata_traces
+from sassgis.simulation.path_sample import ProfileInput, stretches_of
+from sassgis.terrain.dem_defects import TRACES_ADVICE, nodata_traces
 from sassgis.terrain.slope_units import WALL_DEG, WALL_SHARE, slopes_deg, wall_share
 from sassgis.terrain.surface import block_scale_grid
 
@@ -232,7 +229,15 @@ def read_rules(config: Config, run: MapRun) -> Rules:
     cell_size = run.grid.cell_size
     zones = config.zones.drawing(preset.sheet, width, run.release.spacing_m, cell_size)
     check_cells(cell_size)
-    return Rules(preset, frequencies, placed, vulnerability, zones, width, tuple(notices))
+    return Rules(
+        preset=preset,
+        frequencies=frequencies,
+        placed=placed,
+        vulnerability=vulnerability,
+        zones=zones,
+        ref_width_m=width,
+        notices=tuple(notices),
+    )
 
 
 def placed_objects(config: Config, grid: Grid) -> PlacedObjects:

@@ -17,33 +17,37 @@ from sassgis.files.atomic_output import staged_output
 from sassgis.grid import FloatArray, IntArray
 from sassgis.hazard.warnings import profile_warnings
 from sassgis.inputs.vectors import read_line
-from sassgis.outputs.frames import profile_tables, write_table
+from sassgis.outputs.zone_tables import profile_tables, write_table
+from sassgis.report.map_report import profile_report
 from sassgis.report.page import ReportContext, in_short, translated_report, write_report
-from sassgis.report.profile_report import profile_report
 from sassgis.runs.inputs import collected_notices, profile_from_csv, read_map_run
 from sassgis.runs.provenance import byline, provenance, write_origin
 from sassgis.runs.resumable_run import AnyConfig, configured
 from sassgis.settings.languages import in_language
-from sassgis.settings.map_run import Forest, MapRun
-from sassgis.settings.profiles import (
+from sassgis.settings.map_run import Config, Forest, MapRun
+from sassgis.settings.results import (
     ControlLineCrossings,
     LineEnd,
     ProfileSet,
     ReleasePoints,
+    StopReason,
     TraceSet,
 )
-from sassgis.settings.results import StopReason
-from sassgis.settings.run_config import Config
 from sassgis.settings.schema import Input, named
 from sassgis.settings.statistics_table import PROBABILITIES
-from sassgis.simulation.along_profile import ProfileInput, ProfileResult, stretches_of
 from sassgis.simulation.control_lines import ControlLineSums
 from sassgis.simulation.estimate import require_profile
 from sassgis.simulation.map_sums import quantiles
+from sassgis.simulation.path_sample import ProfileInput, ProfileResult, stretches_of
 from sassgis.terrain.fall_lines import fall_line_surface, trace
 from sassgis.terrain.flatten import chainage_to_xy
-from sassgis.terrain.prepare import LEAD_IN_M, PreparedLines, prepare_lines
-from sassgis.terrain.stretch import SHORTEST_LINE_M, with_lead_in
+from sassgis.terrain.prepare import (
+    LEAD_IN_M,
+    SHORTEST_LINE_M,
+    PreparedLines,
+    prepare_lines,
+    with_lead_in,
+)
 
 _LOG_EVENTS = 2000
 _DRAWN = 100
@@ -155,10 +159,14 @@ def _with_stretches(profile: ProfileInput) -> ProfileSet:
     border = stretches_of(profile.s)
     n = border.size - 1
     flat = ProfileSet(
-        np.array([0, profile.s.size], np.int64), profile.s, profile.z,
-        profile.ground.astype(np.int32), np.array([0, n], np.int64), border,
-        np.arange(n, dtype=np.int64),
-    )  # fmt: skip
+        offset=np.array([0, profile.s.size], np.int64),
+        s=profile.s,
+        z=profile.z,
+        ground=profile.ground.astype(np.int32),
+        cell_offset=np.array([0, n], np.int64),
+        cell_s=border,
+        cell=np.arange(n, dtype=np.int64),
+    )
     return with_lead_in(flat, LEAD_IN_M)
 
 

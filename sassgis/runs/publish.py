@@ -1,58 +1,207 @@
-"""The one place where a result is written: maps, GeoPackages, project, tables, report, manifest."""
+"""Writes results: maps, GeoPackages, project, tables, report, manifest, answers of the page."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from sassgis.files.vector_layer import VectorLayer
 from sassgis.grid import Grid
-from sassgis.hazard.measured_motion import motion_warnings
+from sassgis.hazard.assess import Assessment, Rules, governing
+from sassgis.hazard.curves import hazard_curves
+from sassgis.hazard.design import arrivals, motion_warnings, value_at_rate
 from sassgis.hazard.object_values import ObjectValues, object_values
-from sassgis.hazard.reach_angles import reach_angles
-from sassgis.hazard.sources import Sampled, sampled_sources
+from sassgis.hazard.risk import RiskTable
+from sassgis.hazard.sources import Sampled, reach_angles, sampled_sources
 from sassgis.hazard.warnings import ground_shares
+from sassgis.hazard.zoning.applied_edits import shares_text
 from sassgis.inputs.dem import read_base_map
 from sassgis.inputs.result_folder import EDITS_FILE, RESULT_FILE, ZONE_FILE
-from sassgis.outputs.frames import passage_frame, rock_frame, write_table
 from sassgis.outputs.geopackage import write_geopackage
 from sassgis.outputs.layers import run_vectors
 from sassgis.outputs.layers.maps import map_layers, terrain_layer
 from sassgis.outputs.layers.risk_objects import exposed_layers
+from sassgis.outputs.layers.variant_layers import (
+    answer_table,
+    band_table,
+    range_table,
+    spread_layers,
+    spread_vectors,
+)
 from sassgis.outputs.qgis import run_project
-from sassgis.outputs.qgis.entries import LayerGroup
+from sassgis.outputs.qgis.entries import LayerEntry, LayerGroup
 from sassgis.outputs.qgis.layout import Extent, PrintLayout
 from sassgis.outputs.raster import write_raster
-from sassgis.report.exposed_report import exposed_table, map_objects, most_exposed
-from sassgis.report.map_page import Contribution, MapHazard, PlaceFacts, write_map_page
-from sassgis.report.map_report import map_report
+from sassgis.outputs.zone_tables import passage_frame, rock_frame, write_table
+from sassgis.report.change_report import spread_lines, spread_table
+from sassgis.report.map_page import Contribution, MapHazard, PlaceFacts, Rows, write_map_page
+from sassgis.report.map_report import Lines, map_marks, map_report, object_lines, run_lines
 from sassgis.report.page import (
+    GIVEN_UP,
     ReportContext,
     ReportFigure,
     ReportTable,
     first_warnings,
+    map_pictures,
+    sensible,
     translated_report,
     write_report,
 )
-from sassgis.report.pictures import GIVEN_UP
-from sassgis.report.protection_page import PAGE_NAME, ProtectionSheet, write_protection_page
-from sassgis.report.run_summary import Lines, object_lines, run_lines
+from sassgis.report.protection_page import (
+    PAGE_NAME,
+    ProtectionSheet,
+    exposed_table,
+    map_objects,
+    most_exposed,
+    write_protection_page,
+)
 from sassgis.report.zone_report import BARRIERS_TITLE
-from sassgis.runs.map_answers import area_rows, blocks_by_source
 from sassgis.runs.provenance import byline, facts_of, made_on, provenance, write_origin
 from sassgis.runs.resumable_run import Simulation
+from sassgis.runs.variant_lab import DrawnGround
 from sassgis.settings.exposure import PlacedObjects
+from sassgis.settings.hazard_rules import LIMIT_TEXT, HazardPreset
+from sassgis.settings.languages import joined, named, phrase
+from sassgis.settings.map_run import Config, MapRun
 from sassgis.settings.results import RasterLayer, StopReason
-from sassgis.settings.run_config import Config
 from sassgis.settings.statistics_table import Bins, bins_of
-from sassgis.simulation.accumulators import line_ends, sample_of
+from sassgis.simulation.accumulators import Progress, line_ends, sample_of
 from sassgis.simulation.checkpoint import read_rows
 from sassgis.simulation.map_sums import MapSums, Sample
 from sassgis.simulation.path_sample import paths_on_line, sample_paths, some_paths
 from sassgis.simulation.workers import beside
+
+#: Points of a curve at a line.
+_POINTS = 16
+
+
+def blocks_by_source(run: MapRun, progress: Progress) -> list[Contribution]:
+    """Count the simulated blocks of each source that reach each cell."""
+    found: list[Contribution] = []
+    for (area, k), tally in sorted(progress.sources.items()):
+        own = tally.cells.counts()
+        weight = own.count[:, 0].astype(np.float64)
+        found.append((run.areas[area].name, run.blocks[k].name, own.places, weight))
+    return found
+
+
+def rates_by_source(sampled: Sequence[Sampled]) -> list[Contribution]:
+    """Compute how often blocks of each source reach each cell (1/year)."""
+    return [
+        (
+            s.source.area, s.source.scenario, s.cells.places,
+            np.asarray(s.source.rate_per_rock * s.cells.count[:, 0], np.float64),
+        )
+        for s in sampled
+    ]  # fmt: skip
+
+
+def area_rows(run: MapRun, frequencies: Mapping[tuple[str, str], float]) -> dict[str, Rows]:
+    """Describe each release area: its scenarios, with their onset frequencies if known."""
+    found: dict[str, Rows] = {}
+    for area in run.areas:
+        rows = []
+        for scenario in area.scenarios:
+            frequency = frequencies.get((area.name, scenario))
+            text = phrase("")
+            if frequency is not None:
+                text = phrase("{} blocks a year", sensible(frequency))
+            rows.append((named(scenario), text))
+        found[area.name] = tuple(rows)
+    return found
+
+
+def map_hazard(rules: Rules, found: Assessment) -> MapHazard:
+    """Return curves and zones with what is known of each."""
+    facts, levels = found.hazard.facts, found.hazard.levels
+    sources = [s.source for s in found.hazard.sampled]
+    _, most = governing(facts.shares)
+    zones = []
+    for k, (polygon, level) in enumerate(zip(levels.polygons, levels.classes, strict=True)):
+        rows = [("Area", phrase("{} m²", f"{facts.area_m2[k]:.0f}"))]
+        if math.isfinite(facts.uncertain[k]):
+            text = phrase("{} % of its cells", f"{100.0 * facts.uncertain[k]:.0f}")
+            rows.append(("Statistically uncertain", text))
+        source = int(facts.governing[k])
+        if source >= 0:
+            own = sources[source]
+            share = f"{100.0 * most[k]:.0f} %"
+            rows.append(("Governed by", phrase("{}, {} ({})", own.area, own.scenario, share)))
+        zones.append((int(level) - 1, polygon, tuple(rows)))
+    marks: list[tuple[str, str, Any, Rows]] = [
+        ("open", f"{facts.open_m[k]:.0f} m", facts.open_limit[k], ())
+        for k in np.flatnonzero(facts.open_m > 0.0)
+    ]
+    labels = [phrase("none"), *(phrase(c.label) for c in rules.preset.levels)]
+    for applied in found.hazard.edits:
+        edit, limit = applied.edit, phrase(LIMIT_TEXT[applied.edit.limit])
+        said = (("Level", joined(" ", filter(None, (limit, labels[edit.level])))),
+                ("computed now", named(shares_text(applied.now))))  # fmt: skip
+        marks.append(("edit", edit.words, edit.geometry, said))
+    return MapHazard(rules.preset, found.hazard.curves, zones, marks, rules.ref_width_m)
+
+
+def line_facts(
+    run: MapRun, without_barriers: Sequence[Sampled], periods_years: Sequence[float]
+) -> dict[tuple[str, str], PlaceFacts]:
+    """Return the loads at each station and barrier without barriers, by return period."""
+    found: dict[tuple[str, str], PlaceFacts] = {}
+    for i, (line, _) in enumerate(run.control_lines):
+        energy, height = (arrivals(without_barriers, i, q) for q in ("energy_kj", "height_m"))
+        rows: list[tuple[str, str]] = []
+        if line.kind != "station":
+            stated = (("Height", f"{line.height_m:g} m"), ("Capacity", f"{line.capacity_kj:g} kJ"))
+            rows += [(key, named(text)) for key, text in stated if "inf" not in text]
+        for years in periods_years:
+            values = (value_at_rate(own, 1.0 / years) for own in (energy, height))
+            texts = ["–" if math.isnan(v) else sensible(v) for v in values]
+            rows.append((phrase("{} years", f"{years:g}"), phrase("{} kJ, {} m high", *texts)))
+        rows.append(("Blocks that arrive", phrase("{} a year", sensible(float(energy.rate[0])))))
+        at = np.unique(np.linspace(0, energy.edges.size - 1, _POINTS * 4).astype(int))
+        curve = [(float(energy.edges[k]), float(energy.rate[k])) for k in at if energy.rate[k] > 0]
+        found[line.kind, line.name] = (tuple(rows), curve)
+    return found
+
+
+def object_facts(
+    risk: RiskTable | None,
+    sampled: Sequence[Sampled],
+    energies_kj: np.ndarray,
+    levels: Mapping[str, str],
+    currency: str,
+) -> dict[tuple[str, str], PlaceFacts]:
+    """Return the hits of each exposed object; the curve of a road is that of its worst stretch."""
+    if risk is None:
+        return {}
+    curves = hazard_curves([s.source for s in sampled], [s.objects for s in sampled], energies_kj)
+    row_of = {int(place): row for row, place in enumerate(curves.places)}
+    members: dict[str, list[int]] = {}
+    for number, thing in enumerate(risk.objects):
+        members.setdefault(thing.whole, []).append(number)
+    quantity = {name: risk.of_object(name) for name in ("hits", "loss", "deaths")}
+    found: dict[tuple[str, str], PlaceFacts] = {}
+    for name, own in members.items():
+        total = {key: float(values[own].sum()) for key, values in quantity.items()}
+        rows: list[tuple[str, str]] = [("Hazard level", phrase(levels.get(name, "none")))]
+        if total["hits"] > 0.0:
+            rows.append(("Hits", phrase("once in {} years", sensible(1.0 / total["hits"]))))
+        if total["loss"] > 0.0:
+            rows.append(("Loss", phrase("{} {} a year", sensible(total["loss"]), currency)))
+        if total["deaths"] > 0.0:
+            rows.append(("Deaths", phrase("{} a year", sensible(total["deaths"]))))
+        worst = max(own, key=lambda k: quantity["hits"][k])
+        curve: list[tuple[float, float]] = []
+        if worst in row_of:
+            rates = curves.rate[row_of[worst]]
+            curve = [(float(e), float(r)) for e, r in zip(energies_kj, rates, strict=True) if r > 0]
+        found["object", name] = (tuple(rows), curve)
+    return found
 
 
 @dataclass(frozen=True, slots=True)
@@ -179,9 +328,17 @@ def write_layers(
         write_geopackage(work / EDITS_FILE, [extras.edits], facts)
     imprint = replace(config.project, date=made_on(config))
     run_project.write_run_project(
-        work, imprint, grid, extent, layers, terrain, vectors, extras.groups, layouts,
-        read_base_map(imprint.base_map, grid),
-    )  # fmt: skip
+        folder=work,
+        imprint=imprint,
+        grid=grid,
+        extent=extent,
+        layers=layers,
+        terrain=terrain,
+        vectors=vectors,
+        groups=extras.groups,
+        layouts=layouts,
+        base_map=read_base_map(imprint.base_map, grid),
+    )
     for name, frame in extras.frames.items():
         write_table(work / "tables" / f"{name}.csv", [frame])
 
@@ -233,9 +390,16 @@ def _write_report(
         named["tolerance_check"] = done.tolerance.sentence()
     objects = map_objects(extras.placed)
     context = map_report(
-        run, planned, progress, layers, shown, warnings, {**facts, **named}, work / "figures",
-        objects,
-    )  # fmt: skip
+        run=run,
+        planned=planned,
+        progress=progress,
+        layers=layers,
+        furthest=shown,
+        warnings=warnings,
+        facts={**facts, **named},
+        folder=work / "figures",
+        objects=objects,
+    )
     values = extras.objects or values_at_objects(done, None, ())
     exposed = exposed_table(extras.placed, values, extras.levels)
     lines = run_lines(progress, reach_angles(run, planned, progress))
@@ -267,17 +431,17 @@ def _write_report(
     write_report(work / "report.html", report)
     rows = area_rows(run, extras.frequencies)
     write_map_page(
-        work / "map.html",
-        config.project.name,
-        run,
-        (*extras.layers, *layers),
-        [(area.name, area.geometry, rows[area.name]) for area in run.areas],
-        objects,
-        extras.contributions or blocks_by_source(run, progress),
-        some_paths(run, planned),
-        extras.places,
-        extras.hazard,
-        first_warnings(warnings),
+        file=work / "map.html",
+        title=config.project.name,
+        run=run,
+        layers=(*extras.layers, *layers),
+        areas=[(area.name, area.geometry, rows[area.name]) for area in run.areas],
+        objects=objects,
+        contributions=extras.contributions or blocks_by_source(run, progress),
+        paths=some_paths(run, planned),
+        places=extras.places,
+        hazard=extras.hazard,
+        warnings=first_warnings(warnings),
     )
     return report
 
@@ -296,3 +460,54 @@ def values_at_objects(
         done.progress.sums if heights else None, bins.edges["height"],
         return_periods=return_periods, confidence=done.config.hazard.confidence,
     )  # fmt: skip
+
+
+_VECTORS = "ground_spread.gpkg"
+
+
+def with_spread(
+    extras: Extras,
+    drawn: DrawnGround | None,
+    work: Path,
+    done: Simulation,
+    preset: HazardPreset | None = None,
+) -> Extras:
+    """Return the extras of a result with those of the draws, if there are any.
+
+    Their areas are written, into a separate GeoPackage: all other files of the result but
+    project, report and manifest are those of a run without draws.
+    """
+    if drawn is None:
+        return extras
+    (spread, maps, answers), run = drawn, done.run
+    layers = spread_layers(maps, spread.draws, run.grid, preset, run.ref_width_m)
+    vectors = spread_vectors(maps, spread.draws, run.grid, preset)
+    write_geopackage(work / _VECTORS, vectors, facts_of(done.config, run))
+    rasters = (LayerEntry(own, f"maps/{own.stem}.tif", visible=False) for own in layers)
+    group = LayerGroup(
+        "Spread of the ground classes",
+        (
+            *(LayerEntry(own, _VECTORS, visible=False) for own in vectors),
+            LayerGroup("Limits of the bands", tuple(rasters), True, False),
+        ),
+        expanded=False,
+    )
+
+    def figures() -> tuple[ReportFigure, ...]:
+        marks = map_marks(run, map_objects(extras.placed))
+        return (*extras.figures(), *map_pictures(work / "figures", run.grid, layers, marks))
+
+    frames = {
+        "ground_uncertainty": band_table(spread.bands),
+        "ground_draws": answer_table(answers, spread.ranges),
+        "ground_spread": range_table(spread.ranges),
+    }
+    return replace(
+        extras,
+        layers=(*extras.layers, *layers),
+        groups=(*extras.groups, group),
+        frames=extras.frames | frames,
+        figures=figures,
+        tables=(*extras.tables, spread_table(spread)),
+        spread=spread_lines(spread),
+    )

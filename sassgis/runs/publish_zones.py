@@ -21,22 +21,27 @@ from sassgis.hazard.warnings import (
     zone_warnings,
 )
 from sassgis.outputs.layers import zones as zone_layers
-from sassgis.outputs.layers.hazard_maps import hazard_layers
+from sassgis.outputs.layers.maps import hazard_layers
 from sassgis.outputs.layers.risk_objects import risk_tables, risk_vectors
 from sassgis.outputs.qgis.run_project import onset_words, zone_groups, zone_layouts
-from sassgis.outputs.swiss.federal import federal_layers
+from sassgis.outputs.swiss.federal_model import federal_layers
 from sassgis.outputs.zone_tables import design_tables, layer_table, protection_table, source_table
-from sassgis.report.exposed_report import levels_of
-from sassgis.report.protection_page import protection_sheets
-from sassgis.report.run_summary import zone_lines
+from sassgis.report.map_report import zone_lines
+from sassgis.report.protection_page import levels_of, protection_sheets
 from sassgis.report.zone_report import level_table, zone_facts_of, zone_figures, zone_tables
 from sassgis.runs.inputs import zoning_files
-from sassgis.runs.map_answers import line_facts, map_hazard, object_facts, rates_by_source
-from sassgis.runs.publish import Extras, values_at_objects
+from sassgis.runs.publish import (
+    Extras,
+    line_facts,
+    map_hazard,
+    object_facts,
+    rates_by_source,
+    values_at_objects,
+)
 from sassgis.runs.resumable_run import Simulation
 from sassgis.settings.hazard_rules import HazardCurves
+from sassgis.settings.map_run import Config
 from sassgis.settings.results import RasterLayer
-from sassgis.settings.run_config import Config
 
 #: Layers of a group of areas that make sense for all groups together; the first is a table, too.
 _OF_GROUPS = ("hazard_zones", "hazard_area", "synoptic_intensity", "indicative_hazard_area")

@@ -13,12 +13,11 @@ from sassgis.files.digests import value_digest
 from sassgis.files.plain_file import seen_from
 from sassgis.hazard.warnings import release_warnings, simulation_warnings
 from sassgis.inputs.config import configure, load_config
-from sassgis.outputs.frames import require_parquet
+from sassgis.outputs.zone_tables import require_parquet
 from sassgis.runs.inputs import collected_notices, input_digests, read_map_run
 from sassgis.settings.languages import named, phrase
-from sassgis.settings.map_run import BlockRows, MapRun, Round
+from sassgis.settings.map_run import BlockRows, Config, MapRun, Round
 from sassgis.settings.process import require_memory
-from sassgis.settings.run_config import Config
 from sassgis.settings.statistics_table import SUM_NAMES
 from sassgis.simulation.accumulators import Progress
 from sassgis.simulation.checkpoint import Checkpoint
@@ -27,7 +26,7 @@ from sassgis.simulation.estimate import estimate_of
 from sassgis.simulation.loop import check_starts, check_tolerance, simulate_map
 from sassgis.simulation.response import ToleranceCheck
 from sassgis.simulation.workers import Jobs, OnProgress, Workers, available_cores, held_back
-from sassgis.terrain.plan import Plan, plan
+from sassgis.terrain.prepare import Plan, plan
 
 #: Seconds between two savings of the state of a run.
 SAVE_EVERY_S = 60.0

@@ -1,16 +1,29 @@
-"""The main job: from a configuration to maps, GeoPackage, QGIS project, figures and report."""
+"""The main job: from a configuration to maps, GeoPackage, project and report; hazard zoning."""
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from sassgis.files.atomic_output import staged_output
-from sassgis.runs.inputs import collected_notices, placed_objects, with_objects
+from sassgis.hazard.adaptive_sampling import MoreBlocks, check_budget
+from sassgis.hazard.assess import Assessment, Rules, assess
+from sassgis.hazard.sources import sampled_sources
+from sassgis.inputs.vectors import read_edits, with_earlier
+from sassgis.runs.inputs import (
+    collected_notices,
+    compares_barriers,
+    placed_objects,
+    read_rules,
+    with_objects,
+    with_rules,
+)
 from sassgis.runs.resumable_run import (
     AnyConfig,
+    Job,
     Simulation,
     Workplace,
     configured,
@@ -22,17 +35,18 @@ from sassgis.runs.variant_lab import DrawnGround, drawn_ground, spread_rules
 from sassgis.settings.languages import in_language, phrase
 from sassgis.settings.map_run import MapRun
 from sassgis.settings.results import RasterLayer, StopReason
+from sassgis.settings.statistics_table import bins_of
 from sassgis.simulation.accumulators import Progress
 from sassgis.simulation.workers import Jobs, OnProgress
 from sassgis.studies.variants import GroundSpread
-from sassgis.terrain.plan import Plan
+from sassgis.terrain.fall_lines import moved_lines
+from sassgis.terrain.prepare import Plan
 
 if TYPE_CHECKING:
     import xarray as xr
 
     from sassgis.report.page import ReportContext
     from sassgis.runs.publish import Published
-
 
 _AUTO = (
     'hazard.blocks = "auto" is for zone and batch: run simulates {} blocks of each scenario at '
@@ -130,8 +144,7 @@ def run(
         simulation = simulate_job(job, place)
         drawn = drawn_ground(simulation, place, known, None, placed)
         # What writes takes longer to load than what computes: not before there is a result.
-        from sassgis.runs.publish import Extras, publish_map
-        from sassgis.runs.publish_ground import with_spread
+        from sassgis.runs.publish import Extras, publish_map, with_spread
 
         with in_language(config.project.language):
             extras = with_spread(Extras(placed=placed), drawn, work, simulation)
@@ -151,3 +164,139 @@ def result_of(
         progress=done.progress, layers=layers, report=report,
         spread=None if drawn is None else drawn[0],
     )  # fmt: skip
+
+
+@dataclass(frozen=True, slots=True)
+class ZoneResult:
+    """Result of a zoning run: the run, the rules, and the zones."""
+
+    run: RunResult
+    rules: Rules = field(repr=False)
+    found: Assessment = field(repr=False)
+    seconds: float
+
+    def _repr_html_(self) -> str:
+        return self.run._repr_html_()
+
+
+def prepared(job: Job, rules: Rules) -> Job:
+    """Return the job with the energies and objects at which the zoning needs counts."""
+    notices = (*job.notices, *rules.notices)
+    return replace(job, run=with_rules(job.run, rules), notices=notices)
+
+
+def without_barriers(job: Job) -> Job:
+    """Return the job with its walls and nets as stations: they record blocks and stop none."""
+    control_lines = tuple(
+        (replace(line, kind="station"), trace) for line, trace in job.run.control_lines
+    )
+    return replace(job, run=replace(job.run, control_lines=control_lines), notices=())
+
+
+def zone(
+    config: AnyConfig,
+    out: str | Path,
+    *,
+    overwrite: bool = False,
+    areas: Sequence[str] | None = None,
+    seed: int | None = None,
+    jobs: Jobs = None,
+    memory_gb: float | None = None,
+    on_progress: OnProgress | None = None,
+    say: Callable[[str], None] | None = None,
+) -> ZoneResult:
+    """Run a configuration and make hazard zones, and the risk of exposed objects if there are any.
+
+    Everything that sassgis.runs.run.run writes, and ``hazard.gpkg``, maps of level, intensity,
+    return period and confidence, tables of zones, barriers and risk. Parameters and errors are
+    those of sassgis.runs.run.run.
+    """
+    config = configured(config, seed)
+    tell = say or (lambda _text: None)
+    with staged_output(Path(out), overwrite) as work:
+        job = read_job(config, areas, tell)
+        rules = read_rules(config, job.run)
+        edits = read_edits(config.edits, rules.preset, job.run.grid)
+        rules = replace(rules, edits=with_earlier(edits, Path(out)))
+        job = prepared(job, rules)
+        known = spread_rules(config, job.run)
+        jobs = jobs_within(config, job.run, jobs, memory_gb)
+        place = Workplace(work, jobs, on_progress, tell)
+        began = time.perf_counter()
+        done, without = simulations(job, rules, place, along_slope=True)
+        drawn = drawn_ground(done, place, known, rules, rules.placed)
+        found, published = write_zones(work, rules, done, without, areas, tell, drawn=drawn)
+        seconds = time.perf_counter() - began
+    return ZoneResult(result_of(Path(out), done, published, drawn), rules, found, seconds)
+
+
+def write_zones(
+    work: Path,
+    rules: Rules,
+    done: Simulation,
+    without: Simulation | None,
+    areas: Sequence[str] | None,
+    tell: Callable[[str], None],
+    *,
+    first: Callable[[Assessment], None] | None = None,
+    drawn: DrawnGround | None = None,
+) -> tuple[Assessment, Published]:
+    """Find the zones and write everything into ``work``, in the language of the configuration.
+
+    ``without`` are the same blocks without walls and nets, ``drawn`` those on draws of the ground
+    classes. ``first`` is called with the results before anything is written.
+    """
+    # As in sassgis.runs.run.run: loaded when there is something to write.
+    from sassgis.runs.publish import publish_map, with_spread
+    from sassgis.runs.publish_zones import zone_extras
+
+    tell("Drawing the zones")
+    found = assessed(rules, done, without)
+    if first is not None:
+        first(found)
+    with in_language(done.config.project.language):
+        extras = zone_extras(rules, found, done, work / "figures")
+        extras = with_spread(extras, drawn, work, done, rules.preset)
+        return found, publish_map(work, done, areas, tell, extras)
+
+
+def assessed(rules: Rules, done: Simulation, without: Simulation | None) -> Assessment:
+    """Assess hazard and risk from simulations with and without barriers."""
+    sampled = [
+        None if s is None else sampled_sources(s.run, s.progress, rules.frequencies)
+        for s in (done, without)
+    ]
+    assert sampled[0] is not None
+    hazard = done.config.hazard
+    return assess(
+        rules, done.run.grid, bins_of(done.run).threshold, sampled[0], sampled[1],
+        confidence=hazard.confidence, by_source=hazard.by_source,
+    )  # fmt: skip
+
+
+def simulations(
+    job: Job, rules: Rules, place: Workplace, sums_only: bool = False, along_slope: bool = False
+) -> tuple[Simulation, Simulation | None]:
+    """Simulate with the barriers and, if that is wanted, without them: the same blocks.
+
+    ``sums_only`` as for simulate_job; ``along_slope``: without barriers blocks are recorded at
+    copies of the lines along the slope, too.
+    """
+    budget, both = job.config.hazard.budget, compares_barriers(job.config, job.run)
+    more, schedule = None, ""
+    if budget is not None:
+        check_budget(job.config, job.run, int(job.planned.blocks_of_point(job.run).sum()))
+        more = MoreBlocks(rules, budget, budget.seconds / (1 + both), place.tell)
+        schedule = repr((budget, rules.preset, rules.frequencies))
+    done = simulate_job(job, place, next_round=more, schedule=schedule, sums_only=sums_only)
+    if not both:
+        return done, None
+    place.tell("Simulating without walls and nets")
+    same = without_barriers(replace(job, run=replace(job.run, rounds=done.run.rounds)))
+    if along_slope:
+        # Stations where the lines could stand up and down the slope, after the others.
+        lines = same.run.control_lines
+        stations = [m.as_station(lines[m.of][0].name) for m in moved_lines(same.run.grid, lines)]
+        same = replace(same, run=replace(same.run, control_lines=(*lines, *stations)))
+    part = "without_barriers"
+    return done, simulate_job(same, place, schedule=schedule, part=part, sums_only=sums_only)

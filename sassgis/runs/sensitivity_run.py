@@ -13,7 +13,6 @@ from sassgis.files.atomic_output import staged_output
 from sassgis.hazard.assess import Rules
 from sassgis.hazard.warnings import rule_warnings
 from sassgis.inputs.ground_map import read_ranges
-from sassgis.outputs.frames import write_table
 from sassgis.outputs.layers.variant_layers import (
     answer_table,
     effect_table,
@@ -21,14 +20,15 @@ from sassgis.outputs.layers.variant_layers import (
     sensitivity_layers,
 )
 from sassgis.outputs.raster import write_over_relief
+from sassgis.outputs.zone_tables import write_table
+from sassgis.report.change_report import sensitivity_report
 from sassgis.report.page import translated_report, write_report
-from sassgis.report.variants_report import sensitivity_report
 from sassgis.runs.inputs import read_rules, states_frequencies
 from sassgis.runs.provenance import provenance, write_origin
 from sassgis.runs.resumable_run import AnyConfig, Workplace, configured, read_job
+from sassgis.runs.run import prepared
 from sassgis.runs.variant_lab import VariantLab
-from sassgis.runs.zone import prepared
-from sassgis.settings.ground_ranges import ParameterRange, RangeRule
+from sassgis.settings.ground import ParameterRange, RangeRule
 from sassgis.settings.languages import in_language, phrase, translated
 from sassgis.simulation.loop import check_starts
 from sassgis.simulation.workers import Jobs, OnProgress
@@ -117,9 +117,16 @@ def sensitivity(
                 abstract="How results change within the ranges of the ground classes",
             )  # fmt: skip
             context = sensitivity_report(
-                config.project.name, run, found, maps, layers, samples, findings[0].blocks,
-                rules is not None, work / "figures",
-            )  # fmt: skip
+                title=config.project.name,
+                run=run,
+                effects=found,
+                maps=maps,
+                layers=layers,
+                samples=samples,
+                blocks=findings[0].blocks,
+                levels=rules is not None,
+                folder=work / "figures",
+            )
             facts = provenance(config) | {"Configuration": config.label}
             context = replace(context, warnings=warnings, provenance=tuple(facts.items()))
             write_report(work / "report.html", translated_report(context))

@@ -28,9 +28,8 @@ from sassgis.runs.resumable_run import (
     workers_asked,
 )
 from sassgis.settings.exposure import PlacedObjects
-from sassgis.settings.ground_ranges import ParameterRange, RangeRule, acting, ranges_of, with_values
-from sassgis.settings.map_run import MapRun, ObjectCells
-from sassgis.settings.run_config import Config
+from sassgis.settings.ground import ParameterRange, RangeRule, acting, ranges_of, with_values
+from sassgis.settings.map_run import Config, MapRun, ObjectCells
 from sassgis.simulation.accumulators import Progress
 from sassgis.simulation.checkpoint import Checkpoint
 from sassgis.simulation.loop import check_starts

@@ -486,14 +486,14 @@ class ZoningSettings(Section):
             return default if own is None else own
 
         return Drawing(
-            metres(self.min_width_m, rules.width_mm * mm),
-            metres(self.min_area_m2, rules.area_mm2 * mm**2),
+            width_m=metres(self.min_width_m, rules.width_mm * mm),
+            area_m2=metres(self.min_area_m2, rules.area_mm2 * mm**2),
             # Between two fall lines nothing was computed: the gap is not a place that is safe.
-            metres(self.closing_m, max(rules.gap_mm * mm, spacing_m)),
-            metres(self.envelope_m, rules.envelope_widths * ref_width_m),
-            metres(self.smoothing_m, rules.smoothing_widths * ref_width_m),
-            metres(self.tolerance_m, 1.5 * cell_size),
-            self.scale,
+            gap_m=metres(self.closing_m, max(rules.gap_mm * mm, spacing_m)),
+            envelope_m=metres(self.envelope_m, rules.envelope_widths * ref_width_m),
+            smoothing_m=metres(self.smoothing_m, rules.smoothing_widths * ref_width_m),
+            tolerance_m=metres(self.tolerance_m, 1.5 * cell_size),
+            scale=self.scale,
         )
 
 

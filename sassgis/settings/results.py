@@ -1,15 +1,17 @@
-"""Results of a run: rows per block and per passage, and layers for the map."""
+"""Results of a run, profiles, layers for the map, and the form in which numbers are shown."""
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from enum import IntEnum
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
-from sassgis.settings.languages import named, phrase
+from sassgis.grid import FloatArray, IntArray
+from sassgis.settings.languages import Phrase, in_english, named, phrase
 
 
 class StopReason(IntEnum):
@@ -145,3 +147,200 @@ class RasterLayer:
     ramp: str  # of :mod:`sassgis.settings.styles`
     # For a map of classes: the values of the first band are theirs; ``breaks`` is empty.
     classes: tuple[RasterClass, ...] = ()
+
+
+class LineEnd(IntEnum):
+    """Why a fall line ends where it does."""
+
+    LEFT_DEM = 0
+    NODATA = 1
+    ENERGY_LINE = 2
+    MAX_LENGTH = 3
+    CLOSED_LOOP = 4
+
+
+@dataclass(frozen=True, slots=True)
+class ReleasePoints:
+    """Points from which fall lines start."""
+
+    # Shape (n,); coordinates (m).
+    x: FloatArray
+    y: FloatArray
+    area: IntArray  # shape (n,); position of the release area in ``area_names``
+    # Shape (n,); identity of the point for random draws. Made from the name of its area and its
+    # place in it, never from what else is in the run.
+    key: NDArray[np.uint64]
+    area_names: tuple[str, ...]
+    # Shape (n, 2, 2); two sides (east, north; m) of the parallelogram around each point that it
+    # represents, in which blocks start whose paths are followed. None: all start at the points.
+    sides: FloatArray | None = None
+
+    def __len__(self) -> int:
+        return int(self.x.size)
+
+
+@dataclass(frozen=True, slots=True)
+class TraceSet:
+    """Fall lines as they lie on the map, densely sampled."""
+
+    offset: IntArray  # shape (n + 1,)
+    # Shape (offset[-1],); coordinates (m); each line starts at its release point.
+    x: FloatArray
+    y: FloatArray
+    s: FloatArray  # shape (offset[-1],); chainage: plan length from the release point (m)
+    point: IntArray  # shape (n,); the release point of each line
+    end: NDArray[np.uint8]  # shape (n,); a LineEnd
+
+    def __len__(self) -> int:
+        return int(self.offset.size - 1)
+
+
+@dataclass(frozen=True, slots=True)
+class ProfileSet:
+    """Fall lines unrolled into a vertical plane and made of straight segments."""
+
+    offset: IntArray  # shape (n + 1,); of the vertices of each profile
+    # Shape (offset[-1],); chainage and height of the vertices (m); chainage rises strictly.
+    s: FloatArray
+    z: FloatArray
+    # Shape (offset[-1],); ground class of the segment that *starts* at the vertex; the last of a
+    # profile is unused.
+    ground: NDArray[np.int32]
+    cell_offset: IntArray  # shape (n + 1,); of the cell stretches of each profile
+    # Shape (cell_offset[-1] + n,); borders between the stretches: profile ``i`` has one more border
+    # than stretches, and they start at ``cell_offset[i] + i``. First border = first vertex, last =
+    # last vertex.
+    cell_s: FloatArray
+    # Shape (cell_offset[-1],); flat index of the grid cell under each stretch; -1 where there is
+    # none.
+    cell: IntArray
+    # Shape (cell_offset[-1] + n, 2), or None; borders between the stretches on the map, laid out as
+    # ``cell_s``: columns from the west edge of the grid and rows from its north edge, in cells.
+    # None: not on a map.
+    on_map: FloatArray | None = None
+
+    def __len__(self) -> int:
+        return int(self.offset.size - 1)
+
+    def vertices(self, i: int) -> tuple[FloatArray, FloatArray]:
+        """Return the chainage and height of the vertices of profile ``i`` (m)."""
+        own = slice(int(self.offset[i]), int(self.offset[i + 1]))
+        return self.s[own], self.z[own]
+
+
+@dataclass(frozen=True, slots=True)
+class ControlLineCrossings:
+    """Where profiles cross stations and barriers."""
+
+    control_lines: tuple[ControlLine, ...]
+    offset: IntArray  # shape (n_lines + 1,)
+    chainage: FloatArray  # shape (offset[-1],); rising within a line (m)
+    control_line: IntArray  # shape (offset[-1],); position in ``control_lines``
+
+    @classmethod
+    def none(cls, n_lines: int) -> ControlLineCrossings:
+        """Return control lines without stations or barriers."""
+        return cls((), np.zeros(n_lines + 1, np.int64), np.empty(0), np.empty(0, np.int64))
+
+    @classmethod
+    def same_for_all(
+        cls, control_lines: Sequence[ControlLine], chainages: Sequence[float], n_lines: int
+    ) -> ControlLineCrossings:
+        """Return same control lines at the same chainages (m) on each of ``n_lines`` profiles."""
+        order = np.argsort(np.asarray(chainages, float), kind="stable")
+        sorted_chainage = np.asarray(chainages, float)[order]
+        return cls(
+            tuple(control_lines), np.arange(n_lines + 1, dtype=np.int64) * len(control_lines),
+            np.tile(sorted_chainage, n_lines), np.tile(order.astype(np.int64), n_lines),
+        )  # fmt: skip
+
+
+LINE_END_TEXT = {
+    LineEnd.LEFT_DEM: "edge of the terrain model",
+    LineEnd.NODATA: "nodata",
+    LineEnd.ENERGY_LINE: "energy line",
+    LineEnd.MAX_LENGTH: "greatest length",
+    LineEnd.CLOSED_LOOP: "closed loop",
+}
+STOP_TEXT = {
+    StopReason.REST: "rest",
+    StopReason.BARRIER: "barrier",
+    StopReason.LEFT_PROFILE: "left the profile",
+    StopReason.STEP_LIMIT: "contact limit",
+    StopReason.NEVER_STARTED: "never started",
+    StopReason.BROKEN: "broke into fragments",
+}
+
+
+#: Built-in ground classes, by what stands for their name in other languages than English.
+_GROUND_NAMES = {
+    "rock": "rock (ground class)",
+    "debris": "debris (ground class)",
+    "talus": "talus (ground class)",
+    "soft_meadow": "soft_meadow (ground class)",
+    "forest_soil": "forest_soil (ground class)",
+    "asphalt": "asphalt (ground class)",
+    "overgrown_slope": "overgrown_slope (ground class)",
+}
+
+#: Bytes of a name within a file name, of which systems take 255.
+_LONGEST_STEM = 120
+#: Names of devices of Windows.
+_RESERVED = {"con", "prn", "aux", "nul", *(f"{d}{i}" for d in ("com", "lpt") for i in range(10))}
+
+
+def rounded(value: Any, digits: int = 3) -> Any:
+    """Return a number for a table, to so many digits; None for none."""
+    return float(f"{value:.{digits}g}") if np.isfinite(value) else None
+
+
+def short(value: float, sign: str = "") -> str:
+    """Return a number in two digits, with all before the point: 0.012, 1.5, 1700; ``sign`` may be
+    "+".
+    """
+    return f"{value:{sign}.0f}" if abs(value) >= 10.0 else f"{value:{sign}.2g}"
+
+
+def ground_name(name: str) -> Phrase:
+    """Name a ground class: built-in ones are explained in other languages, others stay."""
+    if name not in _GROUND_NAMES:
+        return named(name)
+    return in_english(name, phrase(_GROUND_NAMES[name]))
+
+
+def some_of(names: Sequence[str], shown_as: Callable[[str], str] = repr) -> str:
+    """Return the first four names, and how many more there are."""
+    shown = ", ".join(map(shown_as, names[:4]))
+    return shown + (f" and {len(names) - 4} more" if len(names) > 4 else "")
+
+
+def file_stem(name: str) -> str:
+    """Return a name as part of a file name that every system takes: letters, digits, "_"."""
+    plain = "".join(c if c.isalnum() else "_" for c in name).strip("_").lower()
+    short = plain.encode()[:_LONGEST_STEM].decode(errors="ignore") or "unnamed"
+    return f"{short}_" if short in _RESERVED else short
+
+
+def file_stems(names: Sequence[str]) -> list[str]:
+    """Return names as parts of file names, no two the same."""
+    taken: set[str] = set()
+    stems = []
+    for name in names:
+        stem = base = file_stem(name)
+        number = 1
+        while stem in taken:
+            number += 1
+            stem = f"{base}_{number}"
+        taken.add(stem)
+        stems.append(stem)
+    return stems
+
+
+def thousands(value: float, decimals: int = 0) -> str:
+    """Write a number with a narrow space between thousands, at which no line breaks."""
+    return f"{value:,.{decimals}f}".replace(",", "\u202f").replace("-", "\u2212")
+
+
+def power_of_ten(exponent: int) -> str:
+    """Write a power of ten, as '10⁻⁶'."""
+    return "10" + str(exponent).translate(str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹"))

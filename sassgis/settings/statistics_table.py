@@ -6,9 +6,11 @@ release areas and saved states are joined, the bands of each raster, and the tab
 
 from __future__ import annotations
 
+import csv
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from importlib import resources
 from typing import Any, Literal
 
 import numpy as np
@@ -303,3 +305,9 @@ def bins_for(
     energy = 1e-3 * mass * (g * drop + 0.5 * speed * speed)
     fastest = float(np.sqrt(2.0 * g * drop + speed * speed))
     return default_bins(2.0 * energy, min(drop, 300.0), min(fastest, 150.0), tuple(thresholds_kj))
+
+
+def built_in_rows(name: str) -> Iterator[dict[str, str]]:
+    """Return rows of ``sassgis/data/<name>.csv`` by column, as text."""
+    file = resources.files("sassgis") / "data" / f"{name}.csv"
+    return csv.DictReader(file.read_text(encoding="utf-8").splitlines())

@@ -13,9 +13,9 @@ from functools import cache
 from itertools import pairwise
 from typing import Literal
 
-from sassgis.settings.built_in_rows import built_in_rows
 from sassgis.settings.languages import phrase, translated
 from sassgis.settings.results import RasterClass
+from sassgis.settings.statistics_table import built_in_rows
 
 #: A RasterLayer of heights with this name as its ramp is shown as shaded relief.
 HILLSHADE = "hillshade"

@@ -1,4 +1,4 @@
-"""Sums of a run on the map so far, and how the result of a chunk is added to them."""
+"""Sums of a run on the map, in all and by source, and how the result of a chunk is added."""
 
 from __future__ import annotations
 
@@ -10,15 +10,89 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sassgis.compiled import rng
+from sassgis.compiled.jit import kernel
 from sassgis.engine.simulate import Simulated
 from sassgis.grid import FloatArray, IntArray
+from sassgis.settings.hazard_rules import SourceCounts
 from sassgis.settings.map_run import BlockRows, FallLines, MapRun, Round, Worth
-from sassgis.settings.profiles import LineEnd
-from sassgis.settings.results import PASSAGE_DTYPE, ROCK_DTYPE, StopReason
+from sassgis.settings.results import PASSAGE_DTYPE, ROCK_DTYPE, LineEnd, StopReason
 from sassgis.settings.statistics_table import bins_of
 from sassgis.simulation.control_lines import ControlLineSums
 from sassgis.simulation.map_sums import MapSums, Sample, weighted_counts, weighted_sums
-from sassgis.simulation.source_sums import SourceSums
+
+
+class SourceSums:
+    """Growing counts, in whole numbers; memory grows with the places that are reached."""
+
+    def __init__(self, n_energies: int) -> None:
+        self.n_energies = n_energies
+        # Places that were reached, ascending, and the row of each in the counts. New places get the
+        # rows that follow, so that no count is moved for them.
+        self._places: IntArray = np.empty(0, np.int64)
+        self._row: IntArray = np.empty(0, np.int64)
+        self._count, self._square = (np.zeros((0, n_energies), np.int64) for _ in range(2))
+
+    def add(self, places: IntArray, count: IntArray, square: IntArray) -> None:
+        """Add counts of some places, each of which is named once; all as in SourceCounts."""
+        reached = np.flatnonzero(count[:, 0] > 0)
+        at, known = self._found(places[reached])
+        if not known.all():
+            self._grow(np.sort(places[reached[~known]]))
+            at, _ = self._found(places[reached])
+        _add_rows(self._count, self._square, self._row[at], count, square, reached)
+
+    def _found(self, places: IntArray) -> tuple[IntArray, NDArray[np.bool_]]:
+        """Find where among the places some are or would be, and whether they are there."""
+        at = np.searchsorted(self._places, places)
+        known = at < self._places.size
+        known[known] = self._places[at[known]] == places[known]
+        return at, known
+
+    def _grow(self, fresh: IntArray) -> None:
+        """Make room for places that were not reached before, ascending."""
+        used = self._places.size
+        at = np.searchsorted(self._places, fresh)
+        self._places = np.insert(self._places, at, fresh)
+        self._row = np.insert(self._row, at, np.arange(used, used + fresh.size))
+        if self._places.size > self._count.shape[0]:
+            room = max(self._places.size, int(1.5 * self._count.shape[0]))
+            for name in ("_count", "_square"):
+                # Of zeros that nobody has written to no memory is taken.
+                larger = np.zeros((room, self.n_energies), np.int64)
+                larger[:used] = getattr(self, name)[:used]
+                setattr(self, name, larger)
+
+    def counts(self) -> SourceCounts:
+        """Return the counts added so far."""
+        return SourceCounts(self._places, self._count[self._row], self._square[self._row])
+
+    def state(self) -> dict[str, NDArray[Any]]:
+        """Return the state needed to go on later, as plain arrays."""
+        counts = self.counts()
+        return {"places": counts.places, "count": counts.count, "square": counts.square}
+
+    @classmethod
+    def from_state(cls, state: Mapping[str, NDArray[Any]]) -> SourceSums:
+        """Return the counts that ``state`` returned."""
+        sums = cls(int(state["count"].shape[1]))
+        sums.add(*(np.asarray(state[n], np.int64) for n in ("places", "count", "square")))
+        return sums
+
+
+@kernel
+def _add_rows(
+    to_count: IntArray,
+    to_square: IntArray,
+    row: IntArray,
+    count: IntArray,
+    square: IntArray,
+    which: IntArray,
+) -> None:
+    """Add some rows of counts to rows of others."""
+    for k in range(which.size):
+        for i in range(count.shape[1]):
+            to_count[row[k], i] += count[which[k], i]
+            to_square[row[k], i] += square[which[k], i]
 
 
 @dataclass(frozen=True, slots=True)
@@ -226,8 +300,15 @@ def joined_lines(parts: list[FallLines]) -> FallLines:
     if not parts:
         empty = np.empty(0)
         none = np.empty(0, np.int64)
-        return FallLines(np.zeros(1, np.int64), empty, empty, none, empty, empty,
-                         np.empty(0, np.uint8))  # fmt: skip
+        return FallLines(
+            offset=np.zeros(1, np.int64),
+            x=empty,
+            y=empty,
+            point=none,
+            length_m=empty,
+            drop_m=empty,
+            end=np.empty(0, np.uint8),
+        )
     sizes = np.concatenate([np.diff(p.offset) for p in parts])
     return FallLines(
         np.concatenate([[0], np.cumsum(sizes)]).astype(np.int64),
@@ -276,7 +357,12 @@ def _lots(rows: BlockRows, seed: int) -> FloatArray:
 
 def _rocks_alone(rows: BlockRows, which: NDArray[np.generic]) -> BlockRows:
     return BlockRows(
-        rows.rocks[which], rows.rock_scenario[which], rows.x[which], rows.y[which],
-        rows.passages[:0], rows.passage_scenario[:0], rows.rock_weight[which],
-        rows.passage_weight[:0],
-    )  # fmt: skip
+        rocks=rows.rocks[which],
+        rock_scenario=rows.rock_scenario[which],
+        x=rows.x[which],
+        y=rows.y[which],
+        passages=rows.passages[:0],
+        passage_scenario=rows.passage_scenario[:0],
+        rock_weight=rows.rock_weight[which],
+        passage_weight=rows.passage_weight[:0],
+    )

@@ -26,10 +26,15 @@ from sassgis.files.saved_arrays import (
 )
 from sassgis.settings.map_run import BlockRows, FallLines, MapRun, Round, Worth
 from sassgis.settings.results import ControlLine
-from sassgis.simulation.accumulators import Progress, SourceTally, joined_lines, joined_rows
+from sassgis.simulation.accumulators import (
+    Progress,
+    SourceSums,
+    SourceTally,
+    joined_lines,
+    joined_rows,
+)
 from sassgis.simulation.control_lines import ControlLineSums
 from sassgis.simulation.map_sums import MapSums
-from sassgis.simulation.source_sums import SourceSums
 
 #: Plain numbers of a progress and of the tally of a source.
 _NUMBERS: dict[str, Any] = {

@@ -10,8 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sassgis.grid import FloatArray, IntArray
-from sassgis.settings.labels import rounded
-from sassgis.settings.results import ControlLine, Histogram, Outcome
+from sassgis.settings.results import ControlLine, Histogram, Outcome, rounded
 from sassgis.simulation.map_sums import quantiles
 
 _ENERGY = ("kJ", np.concatenate([[0.0], 30.0 * 10.0 ** (np.arange(-160, 241) / 40.0)]))

@@ -11,14 +11,12 @@ import numpy as np
 
 from sassgis.engine.simulate_paths import room_at_first
 from sassgis.grid import FloatArray
-from sassgis.settings.labels import short
-from sassgis.settings.map_run import MapRun
+from sassgis.settings.map_run import Config, MapRun
 from sassgis.settings.process import memory_bytes, require_memory
-from sassgis.settings.results import ROCK_DTYPE
-from sassgis.settings.run_config import Config
+from sassgis.settings.results import ROCK_DTYPE, short
 from sassgis.settings.statistics_table import STATISTICS, SUMS, Bins, bins_for, bins_of
-from sassgis.simulation.along_profile import STRETCH_M
 from sassgis.simulation.loop import CHUNK_POINTS
+from sassgis.simulation.path_sample import STRETCH_M
 from sassgis.terrain.release import points_expected
 
 # Rough numbers of ours, to be compared with benchmarks/memory.py; the rates: docs/studies/speed.md.

@@ -21,7 +21,7 @@ from sassgis.engine.simulate_paths import PathTerrain, follow
 from sassgis.errors import InputError
 from sassgis.grid import FloatArray, IntArray
 from sassgis.settings.map_run import BlockRows, MapRun, ObjectCells, Round, Worth
-from sassgis.settings.profiles import ReleasePoints, TraceSet
+from sassgis.settings.results import ReleasePoints, TraceSet
 from sassgis.settings.schema import Input
 from sassgis.settings.statistics_table import Bins, bins_of
 from sassgis.simulation.accumulators import (
@@ -35,8 +35,7 @@ from sassgis.simulation.response import RunOutcome, ToleranceCheck, outcome_of, 
 from sassgis.simulation.workers import Threads, Workers, held_back
 from sassgis.terrain.fall_lines import trace
 from sassgis.terrain.flatten import chainage_to_xy
-from sassgis.terrain.plan import Plan
-from sassgis.terrain.prepare import PreparedLines, draw_keys, drawn_lines, prepare_lines
+from sassgis.terrain.prepare import Plan, PreparedLines, draw_keys, drawn_lines, prepare_lines
 from sassgis.terrain.release import take
 
 CHUNK_POINTS = 96

@@ -24,8 +24,7 @@ from sassgis.hazard.assess import Rules, curves_of
 from sassgis.hazard.curves import at_energies
 from sassgis.hazard.levels import hazard_level
 from sassgis.hazard.sources import sampled_sources
-from sassgis.settings.ground import LIMITS
-from sassgis.settings.ground_ranges import ParameterRange
+from sassgis.settings.ground import LIMITS, ParameterRange
 from sassgis.settings.languages import phrase
 from sassgis.settings.map_run import MapRun, ObjectCells
 from sassgis.settings.statistics_table import bins_of

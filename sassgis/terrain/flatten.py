@@ -16,9 +16,18 @@ from numpy.typing import NDArray
 from sassgis.compiled.jit import kernel, lean
 from sassgis.errors import InputError
 from sassgis.grid import BoolArray, FloatArray, Grid, IntArray
-from sassgis.settings.profiles import ProfileSet, TraceSet
-from sassgis.terrain.cell_geometry import SHORTEST_STRETCH, cell_index, exact, height_at, next_line
-from sassgis.terrain.cells import cell_stretches, grown, most_steps, next_crossing
+from sassgis.settings.results import ProfileSet, TraceSet
+from sassgis.terrain.cells import (
+    SHORTEST_STRETCH,
+    cell_index,
+    cell_stretches,
+    exact,
+    grown,
+    height_at,
+    most_steps,
+    next_crossing,
+    next_line,
+)
 
 # Height samples closer than this (cells) are not kept apart.
 _SAMPLE_GAP = 1e-3

@@ -6,7 +6,7 @@ Every run goes through here: maps, single profiles from the terrain, and diagnos
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import shapely
@@ -14,11 +14,167 @@ from numpy.typing import NDArray
 
 from sassgis.compiled import rng
 from sassgis.grid import FloatArray, Grid, IntArray
-from sassgis.settings.map_run import FallLines, MapRun
-from sassgis.settings.profiles import ControlLineCrossings, ProfileSet, TraceSet
-from sassgis.settings.results import ControlLine
+from sassgis.settings.map_run import FallLines, MapRun, Round
+from sassgis.settings.results import (
+    ControlLine,
+    ControlLineCrossings,
+    ProfileSet,
+    ReleasePoints,
+    TraceSet,
+)
+from sassgis.terrain.fall_lines import fall_line_surface
 from sassgis.terrain.flatten import crossings, profiles
-from sassgis.terrain.stretch import SHORTEST_LINE_M, take_lines, take_profiles, usable, with_lead_in
+from sassgis.terrain.release import release_points
+from sassgis.terrain.surface import Surface, evaluate
+
+#: On fall lines shorter than this no block is simulated (m).
+SHORTEST_LINE_M = 1.0
+
+
+def moved_uphill(
+    points: ReleasePoints, surface: Surface, distance_m: float, inside: NDArray[np.bool_]
+) -> tuple[ReleasePoints, FloatArray]:
+    """Move release points up the slope, so that blocks can start on both sides of them.
+
+    A lattice point represents a square of the release area; its blocks start on the fall line
+    within half the spacing above and below it. Those ``inside`` are moved by ``distance_m``, or not
+    where the ground is level or unknown. Returns the points, and how far each has been moved (m).
+    """
+    height, gx, gy = evaluate(surface, points.x, points.y)
+    slope = np.hypot(gx, gy)
+    can = np.isfinite(height) & np.isfinite(slope) & (slope > 1e-6) & inside
+    step = np.where(can, distance_m, 0.0)
+    unit = np.where(can, slope, 1.0)
+    x = points.x + np.where(can, gx / unit, 0.0) * step
+    y = points.y + np.where(can, gy / unit, 0.0) * step
+    above, _, _ = evaluate(surface, x, y)
+    known = np.isfinite(above)
+    moved = np.where(known, step, 0.0)
+    start = replace(points, x=np.where(known, x, points.x), y=np.where(known, y, points.y))
+    return start, moved
+
+
+def usable(traces: TraceSet, least_m: float) -> NDArray[np.bool_]:
+    """Find the lines that are long enough to simulate blocks on, shape (n,)."""
+    last = traces.s[np.maximum(traces.offset[1:] - 1, 0)]
+    counts = np.diff(traces.offset)
+    return (counts >= 2) & (last >= least_m)
+
+
+def take_lines(traces: TraceSet, which: NDArray[np.bool_]) -> TraceSet:
+    """Select some of the lines."""
+    counts = np.diff(traces.offset)
+    keep = np.repeat(which, counts)
+    return TraceSet(
+        offset=np.concatenate([[0], np.cumsum(counts[which])]).astype(np.int64),
+        x=traces.x[keep],
+        y=traces.y[keep],
+        s=traces.s[keep],
+        point=traces.point[which],
+        end=traces.end[which],
+    )
+
+
+def take_profiles(profiles: ProfileSet, which: NDArray[np.bool_]) -> ProfileSet:
+    """Select some of the profiles."""
+    vertices = np.diff(profiles.offset)
+    stretches = np.diff(profiles.cell_offset)
+    keep_v = np.repeat(which, vertices)
+    on_map = profiles.on_map
+    return ProfileSet(
+        offset=np.concatenate([[0], np.cumsum(vertices[which])]).astype(np.int64),
+        s=profiles.s[keep_v],
+        z=profiles.z[keep_v],
+        ground=profiles.ground[keep_v],
+        cell_offset=np.concatenate([[0], np.cumsum(stretches[which])]).astype(np.int64),
+        cell_s=profiles.cell_s[np.repeat(which, stretches + 1)],
+        cell=profiles.cell[np.repeat(which, stretches)],
+        on_map=None if on_map is None else on_map[np.repeat(which, stretches + 1)],
+    )
+
+
+def with_lead_in(profiles: ProfileSet, length_m: float) -> ProfileSet:
+    """Let the ground go on behind the start at the slope of the first segment.
+
+    A block that rebounds uphill from the first metres would otherwise be lost from the profile.
+    Ground that rises down the line is continued level. No cell of the map belongs to the lead-in,
+    which is one more vertex in front, at a chainage of ``-length_m`` (plan length) from the first.
+    """
+    n = len(profiles)
+    first = profiles.offset[:-1]
+    fall = (profiles.z[first] - profiles.z[first + 1]) / (profiles.s[first + 1] - profiles.s[first])
+    new_s = profiles.s[first] - length_m
+    new_z = profiles.z[first] + length_m * np.maximum(fall, 0.0)
+    first_cell_s = profiles.cell_offset[:-1] + np.arange(n)
+    on_map = profiles.on_map
+    if on_map is not None:
+        on_map = np.insert(on_map, first_cell_s, on_map[first_cell_s], axis=0)
+    return ProfileSet(
+        offset=profiles.offset + np.arange(n + 1),
+        s=np.insert(profiles.s, first, new_s),
+        z=np.insert(profiles.z, first, new_z),
+        ground=np.insert(profiles.ground, first, profiles.ground[first]),
+        cell_offset=profiles.cell_offset + np.arange(n + 1),
+        cell_s=np.insert(profiles.cell_s, first_cell_s, new_s),
+        cell=np.insert(profiles.cell, profiles.cell_offset[:-1], -1),
+        on_map=on_map,
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class Plan:
+    """Plan of a simulation before anything is simulated."""
+
+    points: ReleasePoints  # as placed in the release areas
+    starts: ReleasePoints  # where their fall lines begin
+    moved: FloatArray  # shape (n,); how far up the slope from the points (m)
+    surface: Surface
+    scenarios: tuple[tuple[int, ...], ...]  # positions in ``blocks`` of the scenarios of each area
+    # Of each area, where they are not those of the run for all; else empty.
+    repetitions: tuple[int, ...] = ()
+
+    def blocks_of_point(self, run: MapRun) -> IntArray:
+        """Return blocks that are released at each point, shape (n,)."""
+        rounds = [self.blocks_of_round(run, own) for own in run.rounds]
+        if self.repetitions:
+            once = self.blocks_of_round(run, Round())
+            rounds = [once * np.array(self.repetitions, np.int64)[self.points.area]]
+        blocks: IntArray = np.sum(rounds, axis=0, dtype=np.int64)
+        return blocks
+
+    def blocks_of_round(self, run: MapRun, own: Round) -> IntArray:
+        """Return blocks of a repetition at each point, shape (n,)."""
+        repeated = np.zeros(len(self.points), np.int64)
+        for area, scenarios in enumerate(self.scenarios):
+            of = self.points.area == area
+            for k in scenarios:
+                repeated[of] += own.repetitions >> (
+                    0 if own.halvings is None else own.halvings[of, k].astype(np.int64)
+                )
+        return repeated * run.release.rocks_per_point
+
+
+def placed_points(run: MapRun) -> ReleasePoints:
+    """Place the release points of a run; errors are those of release.release_points."""
+    return release_points([(a.name, a.geometry) for a in run.areas], run.release, run.seed)
+
+
+def plan(run: MapRun) -> Plan:
+    """Place the release points and prepare the surface; errors are those of placed_points."""
+    points = placed_points(run)
+    surface = fall_line_surface(run.grid, run.terrain)
+    polygonal = np.array([a.geometry.area > 0.0 for a in run.areas], bool)
+    distance = 0.5 * run.release.spacing_m if run.release.placement == "grid" else 0.0
+    starts, moved = moved_uphill(points, surface, distance, polygonal[points.area])
+    names = {b.name: i for i, b in enumerate(run.blocks)}
+    return Plan(
+        points,
+        starts,
+        moved,
+        surface,
+        tuple(tuple(names[s] for s in a.scenarios) for a in run.areas),
+    )
+
 
 #: Plan length of the ground behind the start (m).
 LEAD_IN_M = 20.0
@@ -122,11 +278,11 @@ def drawn_lines(traces: TraceSet, grid: Grid, points: IntArray) -> FallLines:
     known = (cells[0] >= 0) & (cells[1] >= 0)
     drop = np.where(known, heights[cells[0]] - heights[cells[1]], 0.0)
     return FallLines(
-        offset.astype(np.int64),
-        np.ascontiguousarray(xy[:, 0]),
-        np.ascontiguousarray(xy[:, 1]),
-        points[traces.point],
-        np.where(counts >= 1, traces.s[final], 0.0),
-        np.nan_to_num(drop),
-        traces.end,
+        offset=offset.astype(np.int64),
+        x=np.ascontiguousarray(xy[:, 0]),
+        y=np.ascontiguousarray(xy[:, 1]),
+        point=points[traces.point],
+        length_m=np.where(counts >= 1, traces.s[final], 0.0),
+        drop_m=np.nan_to_num(drop),
+        end=traces.end,
     )

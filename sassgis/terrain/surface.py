@@ -18,7 +18,7 @@ from scipy import ndimage
 from sassgis.compiled.jit import kernel, lean
 from sassgis.errors import InputError
 from sassgis.grid import BoolArray, FloatArray, Grid
-from sassgis.settings.profiles import LineEnd
+from sassgis.settings.results import LineEnd
 
 # The mirror condition that the prefilter sets at the rim decays by 0.268 per cell: after 24 cells
 # it is below the rounding of a double.

@@ -24,7 +24,7 @@ from sassgis.batches.batch import batch, find_areas
 from sassgis.errors import ConfigError, InputError, OutputError
 from sassgis.files.saved_arrays import unfit
 from sassgis.inputs.config import load_config
-from sassgis.runs.zone import zone
+from sassgis.runs.run import zone
 
 # Maps hold everything that is counted; these hold what is made of it.
 TABLES = ("zones", "zone_sources", "sources", "design", "risk_objects", "risk_sources")

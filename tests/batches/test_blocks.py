@@ -22,7 +22,8 @@ from helpers.cut_valley import Stopped, Valley, write_vrt
 from helpers.listed_results import digests
 
 from sassgis.batches import batch as runs_batch
-from sassgis.batches import batch_mosaic, batch_state
+from sassgis.batches import batch_mosaic
+from sassgis.batches import batch_window as batch_state
 from sassgis.batches.batch import batch
 from sassgis.batches.batch_mosaic import (
     BASE,
@@ -34,7 +35,7 @@ from sassgis.batches.batch_mosaic import (
     kept_mosaic,
     shared,
 )
-from sassgis.batches.batch_state import Reached, Record, added_up, digests_of_sums, read_state
+from sassgis.batches.batch_window import Reached, Record, added_up, digests_of_sums, read_state
 from sassgis.errors import OutputError
 from sassgis.files.atomic_output import check_output
 from sassgis.inputs.tiles import Part, hull

@@ -14,7 +14,7 @@ from sassgis.inputs.tiles import Part, open_terrain
 from sassgis.runs.inputs import read_map_run
 from sassgis.settings.map_run import MapRun
 from sassgis.terrain.fall_lines import trace
-from sassgis.terrain.plan import plan
+from sassgis.terrain.prepare import plan
 
 
 @pytest.fixture(autouse=True)

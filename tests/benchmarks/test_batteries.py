@@ -15,7 +15,7 @@ from helpers.watched_cases import prepare
 from helpers.zone_slope import two_areas
 
 from sassgis.engine.state import EVENT_DTYPE, IMPACT
-from sassgis.settings.effects import EffectSettings
+from sassgis.settings.blocks import EffectSettings
 from sassgis.settings.results import ROCK_DTYPE
 from sassgis.settings.settings import EngineSettings
 

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import pytest
 
-from sassgis.cli import progress_bar
-from sassgis.cli.progress_bar import ProgressBar
+from sassgis.cli import options as progress_bar
+from sassgis.cli.options import ProgressBar
 
 
 @pytest.fixture

@@ -6,7 +6,7 @@ import re
 from pathlib import Path
 
 from sassgis.inputs.observation_files import read_observations, validate_observations
-from sassgis.settings.ground_ranges import RANGED
+from sassgis.settings.ground import RANGED
 
 
 def test_the_protocol_and_the_templates_fit(repository: Path, tmp_path: Path, printed) -> None:

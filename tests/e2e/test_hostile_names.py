@@ -14,7 +14,7 @@ from xml.etree import ElementTree as ET
 import pytest
 from helpers.zone_slope import HOUSE, Case, box, place, two_areas
 
-from sassgis.settings.labels import file_stem, file_stems
+from sassgis.settings.results import file_stem, file_stems
 
 #: Mathematics that is none, and letters that run to the left.
 SIGNS = r" $\frac{$ ^_ \ $x^$ " + "\u202eedoc \u05e9\u05dc\u05d5\u05dd \u0645\u0631\u062d"
@@ -58,7 +58,7 @@ class Tags(HTMLParser):
 
 @pytest.fixture(scope="module")
 def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    from sassgis.runs.zone import zone
+    from sassgis.runs.run import zone
 
     folder = tmp_path_factory.mktemp("hostile") / "deep" / "site"
     folder.mkdir(parents=True)

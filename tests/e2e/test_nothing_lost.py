@@ -18,7 +18,7 @@ from helpers.small_slope import SASSGIS
 from helpers.worker_tasks import kill_as_they_start, wait_for
 from helpers.zone_slope import box, two_areas
 
-from sassgis.cli.progress_bar import ProgressBar
+from sassgis.cli.options import ProgressBar
 from sassgis.files.atomic_output import MARKER_NAME, alone, check_output
 
 COMMANDS = {
@@ -84,8 +84,7 @@ def refused(site: Path, call, monkeypatch: pytest.MonkeyPatch, *command: object)
     before = everything(site)
     with monkeypatch.context() as patched:
         patched.setattr("sassgis.runs.resumable_run.simulate_map", None)
-        for command_of in ("run", "zone"):
-            patched.setattr(f"sassgis.runs.{command_of}.read_job", None)
+        patched.setattr("sassgis.runs.run.read_job", None)
         code, _, err = call(*command)
     assert code == 3, err
     assert everything(site) == before

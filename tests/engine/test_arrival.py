@@ -12,7 +12,7 @@ from helpers import engine_lab as lab
 
 from sassgis.engine.effects.entrainment import Entrainment
 from sassgis.engine.effects.fragmentation import Fragmentation
-from sassgis.settings.effects import EffectSettings
+from sassgis.settings.blocks import EffectSettings
 from sassgis.settings.statistics_table import default_bins
 from sassgis.simulation.map_sums import MapSums
 

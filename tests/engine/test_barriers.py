@@ -10,8 +10,7 @@ import pytest
 from helpers import engine_lab as lab
 
 from sassgis.engine.ellipse import inertia
-from sassgis.settings.profiles import ControlLineCrossings
-from sassgis.settings.results import ControlLine, Outcome, StopReason
+from sassgis.settings.results import ControlLine, ControlLineCrossings, Outcome, StopReason
 
 G = 9.81
 

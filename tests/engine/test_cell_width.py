@@ -13,7 +13,7 @@ from helpers.terrains import folded, grid_of
 from sassgis.engine.effects.fragmentation import Fragmentation
 from sassgis.engine.simulate import Simulated
 from sassgis.grid import FloatArray, Grid
-from sassgis.settings.effects import EffectSettings
+from sassgis.settings.blocks import EffectSettings
 from sassgis.settings.map_run import Window
 
 SIDE, CELL = 141, 2.0

@@ -23,14 +23,12 @@ from sassgis.engine.simulate import Simulated
 from sassgis.engine.simulate_paths import PathTerrain, follow
 from sassgis.errors import InputError
 from sassgis.grid import FloatArray, Grid
-from sassgis.settings.blocks import BlockPopulation
-from sassgis.settings.effects import EffectSettings
+from sassgis.settings.blocks import BlockPopulation, EffectSettings
 from sassgis.settings.ground import GroundClass, GroundTable
 from sassgis.settings.map_run import Forest
-from sassgis.settings.profiles import ControlLineCrossings
-from sassgis.settings.results import ControlLine, Outcome, StopReason
+from sassgis.settings.results import ControlLine, ControlLineCrossings, Outcome, StopReason
 from sassgis.settings.settings import EngineSettings
-from sassgis.terrain.narrow_parts import square
+from sassgis.terrain.release import square
 
 G = 9.81
 

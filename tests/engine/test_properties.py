@@ -17,7 +17,7 @@ from shapely import LineString, distance, points
 from sassgis.compiled import rng as draws
 from sassgis.engine.ellipse import contact_frame, inertia
 from sassgis.settings.blocks import BlockPopulation
-from sassgis.settings.profiles import ControlLineCrossings
+from sassgis.settings.results import ControlLineCrossings
 
 G = 9.81
 QUICK = settings(max_examples=40, suppress_health_check=[HealthCheck.too_slow], derandomize=True)

@@ -12,8 +12,7 @@ from scipy.integrate import solve_ivp
 
 from sassgis.engine.impact import RESTITUTION, TURNING, impact, soft_landing
 from sassgis.engine.resistance import gained, path_to, share_gained, time_over
-from sassgis.settings.profiles import ControlLineCrossings
-from sassgis.settings.results import ControlLine
+from sassgis.settings.results import ControlLine, ControlLineCrossings
 
 G = 9.81
 MU_V = 0.01

@@ -81,10 +81,9 @@ def test_calibration_starts_the_rocks_as_a_run_does(scored: Callable[[str], Any]
     """Stops of its campaigns are those of ``sassgis run``, with the configured classes."""
     from scipy.stats import ks_2samp
 
-    from sassgis.gap.forward.hypothesis_model import configured_model
-    from sassgis.gap.forward.released_rocks import all_rocks, in_plane, move
+    from sassgis.gap.forward.released_rocks import all_rocks, configured_model, in_plane, move
     from sassgis.gap.forward.rock_lines import rock_lines_of
-    from sassgis.runs.gap_case import read_case
+    from sassgis.runs.calibrate import read_case
 
     site, blocks, _ = scored("tschamut")
     case = read_case(site.case.config, site.case.observations["all"])

@@ -26,7 +26,7 @@ LEVELS = ["residual_hazard", "slight", "mean", "substantial"]
 #: Runs the zoning and tells its peak memory (KiB on Linux).
 MEASURED = """
 import resource, sys
-from sassgis.runs.zone import zone
+from sassgis.runs.run import zone
 zone(sys.argv[1], sys.argv[2], jobs=2)
 print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss)
 """

@@ -14,7 +14,7 @@ from sassgis.settings.map_run import MapRun
 from sassgis.settings.statistics_table import bins_of
 from sassgis.simulation.loop import check_tolerance, simulate_map
 from sassgis.simulation.response import LARGEST_CHANGE, outcome_of
-from sassgis.terrain.plan import Plan, plan
+from sassgis.terrain.prepare import Plan, plan
 
 pytestmark = pytest.mark.battery
 

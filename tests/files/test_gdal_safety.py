@@ -24,8 +24,11 @@ from rasterio.transform import from_origin
 
 from sassgis.errors import InputError
 from sassgis.files.gdal_safety import offline, read_frame, vector_file
-from sassgis.inputs.dem import read_dem
+from sassgis.grid import Grid
+from sassgis.inputs.dem import open_raster, read_dem
+from sassgis.inputs.ground_map import read_forest
 from sassgis.inputs.vector_features import open_layer
+from sassgis.settings.settings import ForestPlace
 
 _WMS = """<GDAL_WMS><Service name="TMS"><ServerUrl>{}/${{z}}/${{x}}/${{y}}.png</ServerUrl></Service>
 <DataWindow><UpperLeftX>0</UpperLeftX><UpperLeftY>100</UpperLeftY><LowerRightX>100</LowerRightX>
@@ -35,16 +38,16 @@ _OGR = (
     "<OGRVRTDataSource><OGRVRTLayer name='secret'><SrcDataSource>{}</SrcDataSource></OGRVRTLayer>"
     "</OGRVRTDataSource>"
 )
-FETCHED = {
-    "sources": ("a.tif", lambda url: mosaic(f"/vsicurl/{url}/a.tif", relative=0)),
-    "addresses": ("a.tif", lambda url: mosaic(f"{url}/a.tif", relative=0)),
-    "tile server": ("a.tif", _WMS.format),
-    "sources of layers": ("a.gpkg", lambda url: _OGR.format(f"/vsicurl/{url}/a.geojson")),
-    "addresses of layers": ("a.gpkg", lambda url: _OGR.format(f"{url}/a.geojson")),
-    "feature server": (
-        "a.gpkg", lambda url: f"<OGRWFSDataSource><URL>{url}/wfs</URL></OGRWFSDataSource>"
-    ),
-}  # fmt: skip
+RASTERS = {
+    "list of sources": lambda url: mosaic(f"/vsicurl/{url}/a.tif", relative=0),
+    "list of addresses": lambda url: mosaic(f"{url}/a.tif", relative=0),
+    "tile server": _WMS.format,
+}
+VECTORS = {
+    "list of sources": lambda url: _OGR.format(f"/vsicurl/{url}/a.geojson"),
+    "list of addresses": lambda url: _OGR.format(f"{url}/a.geojson"),
+    "feature server": lambda url: f"<OGRWFSDataSource><URL>{url}/wfs</URL></OGRWFSDataSource>",
+}
 
 
 @pytest.fixture
@@ -70,18 +73,24 @@ def asked(monkeypatch: pytest.MonkeyPatch) -> Iterator[tuple[str, list[str]]]:
         server.shutdown()
 
 
-@pytest.mark.parametrize("kind", FETCHED)
-def test_nothing_is_fetched(tmp_path: Path, asked: tuple[str, list[str]], kind: str) -> None:
+@pytest.mark.parametrize("kind", RASTERS)
+def test_no_raster_is_fetched(tmp_path: Path, asked: tuple[str, list[str]], kind: str) -> None:
     url, paths = asked
-    name, text = FETCHED[kind]
-    file = tmp_path / name
-    file.write_text(text(url))
-    with one_line(InputError, name):
-        if file.suffix == ".gpkg":
-            open_layer(file, None, "release", {})
-        else:
-            read_dem(file)
+    file = tmp_path / "dem.tif"
+    file.write_text(RASTERS[kind](url))
+    with pytest.raises(InputError, match=r"dem\.tif"), open_raster(file, "DEM"):
+        pass
     assert paths == []
+
+
+@pytest.mark.parametrize("kind", VECTORS)
+def test_no_layer_is_fetched(tmp_path: Path, asked: tuple[str, list[str]], kind: str) -> None:
+    url, paths = asked
+    file = tmp_path / "release.gpkg"
+    file.write_text(VECTORS[kind](url))
+    with pytest.raises(InputError, match=r"release\.gpkg") as refused:
+        open_layer(file, None, "release", {})
+    assert "\n" not in str(refused.value) and paths == []
 
 
 def test_the_settings_of_gdal_are_left_as_they_were() -> None:
@@ -90,6 +99,9 @@ def test_the_settings_of_gdal_are_left_as_they_were() -> None:
         assert pyogrio.get_gdal_config_option("GDAL_HTTP_PROXY") == "none://offline"
     assert pyogrio.get_gdal_config_option("GDAL_HTTP_PROXY") == before
 
+
+# ---------------------------------------------------------------------------------------------
+# Other files of the machine
 
 HEIGHTS = 1000.0 + np.arange(12.0).reshape(3, 4)
 
@@ -146,6 +158,9 @@ _WARP = "<GDALWarpOptions><SourceDataset>../secret</SourceDataset></GDALWarpOpti
 ASTRAY = {
     "raw band": (raw(), "VRTRawRasterBand"),
     "raw band in small letters": (raw('subclass="vrtrawrasterband"'), "vrtrawrasterband"),
+    "band below the declaration": (
+        '<?xml version="1.0" encoding="UTF-8"?>\n' + raw(), "VRTRawRasterBand"
+    ),
     "raw mask": (
         mosaic("tile.tif").replace(
             "</VRTDataset>",
@@ -161,6 +176,9 @@ ASTRAY = {
         ),
         "VRTWarpedDataset",
     ),
+    "processed": (
+        mosaic("tile.tif", attributes='subClass="VRTProcessedDataset"'), "VRTProcessedDataset"
+    ),
     "element unknown here": (
         mosaic("tile.tif").replace("SimpleSource", "ArraySource"), "ArraySource"
     ),
@@ -168,6 +186,7 @@ ASTRAY = {
     "virtual raster as a name": (
         mosaic(raw().replace("<", "&lt;").replace('"', "&quot;")), "cannot be opened|not found"
     ),
+    "virtual raster as an address": (mosaic("vrt://inner.tif", relative=0), "not found"),
     "raster in an archive": (mosaic("/vsizip/a.zip/inner.tif", relative=0), "not found"),
     "text as a tile": (mosaic("../secret"), "secret"),
     "pipe as a tile": (mosaic("pipe.tif"), "pipe"),
@@ -194,10 +213,20 @@ def test_a_virtual_raster_leads_nowhere(site: Path, kind: str, name: str) -> Non
 
 @pytest.mark.parametrize("key", ["OVERVIEW_FILE", "OVERVIEW&#95;FILE"])
 @pytest.mark.parametrize(
-    "beside", ["dem.tif.msk", "dem.tif.MSK", "dem.tif.ovr", "dem.tif.msk.ovr", "dem.tif.aux.xml"]
+    "beside",
+    [
+        "dem.tif.msk",
+        "dem.tif.MSK",
+        "dem.tif.ovr",
+        "dem.tif.OVR",
+        "dem.tif.msk.ovr",
+        "dem.tif.aux.xml",
+    ],
 )
 @pytest.mark.parametrize("below", ["", "a mosaic of it"])
-def test_what_lies_beside_a_raster_leads_nowhere(site, beside, below, key):
+def test_what_lies_beside_a_raster_leads_nowhere(
+    site: Path, beside: str, below: str, key: str
+) -> None:
     write(site / "dem.tif", "GTiff")
     (site / "raw.vrt").write_text(raw())
     (site / "all.vrt").write_text(mosaic("dem.tif", size=4))
@@ -253,6 +282,25 @@ def test_formats_of_rasters(site: Path, name: str, driver: str) -> None:
     assert np.array_equal(read_dem(site / name, crs="EPSG:2056").values, HEIGHTS)
 
 
+def test_other_formats_of_rasters_are_refused(site: Path) -> None:
+    write(site / "a.bt", "BT")
+    with one_line(InputError, "a.bt", "expected GeoTIFF", "cannot be read as a raster"):
+        read_dem(site / "a.bt", crs="EPSG:2056")
+
+
+def test_a_forest_is_read_in_the_same_way(site: Path) -> None:
+    grid = Grid(np.zeros((3, 4)), 2_700_000.0, 1_150_000.0, 10.0, "", "")
+    for name, text in (("good.vrt", mosaic("tile.tif")), ("bad.vrt", raw())):
+        (site / name).write_text(text)
+    stems, _ = read_forest(ForestPlace(stems_raster=site / "good.vrt", dbh_cm=30.0), grid)
+    assert stems == pytest.approx(HEIGHTS.ravel() / 1e4)
+    with pytest.raises(InputError, match=r"bad\.vrt"):
+        read_forest(ForestPlace(stems_raster=site / "bad.vrt", dbh_cm=30.0), grid)
+
+
+# ---------------------------------------------------------------------------------------------
+# Vector files
+
 _POINT = (
     '{"type": "Feature", "properties": {"a": "%s"},'
     '"geometry": {"type": "Point", "coordinates": [1, 2]}}'
@@ -295,28 +343,24 @@ def test_no_vector_file_leads_elsewhere(site: Path, kind: str, name: str) -> Non
      ("a.fgb", "FlatGeobuf"), ("a.kml", "LIBKML"), ("a.kml", "KML"), ("a.gdb", "OpenFileGDB")],
 )  # fmt: skip
 def test_formats_of_vector_files(tmp_path: Path, name: str, driver: str) -> None:
-    columns = {"name": ["<b>area</b>"]}
-    frame = gpd.GeoDataFrame(columns, geometry=[shapely.box(8, 46, 9, 47)], crs=4326)
+    frame = gpd.GeoDataFrame(
+        {"name": ["<b>area</b>"]}, geometry=[shapely.box(8, 46, 9, 47)], crs=4326
+    )
     frame.to_file(tmp_path / name, driver=driver)
     found = open_layer(tmp_path / name, None, "release", {})
     assert found.geometry.iloc[0].equals(shapely.box(8, 46, 9, 47))
     assert "<b>area</b>" in found.iloc[0].tolist()
 
 
-@pytest.mark.parametrize(("name", "driver"), [("a.gml", "GML"), ("a.gpx", "GPX"), ("a.bt", "BT")])
-def test_other_formats_are_refused(site: Path, name: str, driver: str) -> None:
-    kind, wanted = "vector file", "GeoPackage"
-    if driver == "BT":
-        kind, wanted = "raster", "GeoTIFF"
-        write(site / name, driver)
-    else:
-        frame = gpd.GeoDataFrame({"name": ["a"]}, geometry=[shapely.Point(8, 46)], crs=4326)
-        pyogrio.write_dataframe(frame, site / name, driver=driver)
-    with one_line(InputError, name, f"expected {wanted}", f"cannot be read as a {kind}"):
-        if kind == "raster":
-            read_dem(site / name, crs="EPSG:2056")
-        else:
-            open_layer(site / name, None, "release", {})
+@pytest.mark.parametrize(
+    ("name", "driver"),
+    [("a.gml", "GML"), ("a.sqlite", "SQLite"), ("a.gpx", "GPX"), ("a.jml", "JML")],
+)
+def test_other_formats_of_vector_files_are_refused(tmp_path: Path, name: str, driver: str) -> None:
+    frame = gpd.GeoDataFrame({"name": ["a"]}, geometry=[shapely.Point(8, 46)], crs=4326)
+    pyogrio.write_dataframe(frame, tmp_path / name, driver=driver)
+    with one_line(InputError, name, "release.file", "cannot be read as a vector file"):
+        open_layer(tmp_path / name, None, "release", {})
 
 
 _ENDLESS = "WITH RECURSIVE n(x) AS (SELECT 1 UNION ALL SELECT x + 1 FROM n) SELECT "
@@ -324,6 +368,7 @@ _VIEW = f"CREATE VIEW a AS {_ENDLESS} fid, geom FROM base WHERE (SELECT count(*)
 _RENAMED = ("PRAGMA legacy_alter_table = on", "ALTER TABLE a RENAME TO base")
 COMPUTED = {
     "the layer": (*_RENAMED, _VIEW),
+    "a view beside it": (f"CREATE VIEW other AS {_ENDLESS} x FROM n",),
     "a table of GDAL": (
         "DROP TABLE gpkg_extensions", f"CREATE VIEW gpkg_extensions AS {_ENDLESS} x FROM n",
     ),
@@ -363,6 +408,13 @@ def test_nothing_is_computed_by_a_file(tmp_path: Path, kind: str) -> None:
         open_layer(file, None, "release", {})
 
 
+def test_plain_tables_are_read_whatever_their_names(tmp_path: Path) -> None:
+    frame = gpd.GeoDataFrame({"name": ["a"]}, geometry=[shapely.box(0, 0, 1, 1)], crs=2056)
+    for name in ('view "of" all', "CREATE VIEW", "Rüfe"):
+        frame.to_file(tmp_path / "a.gpkg", driver="GPKG", layer=name)
+        assert len(open_layer(tmp_path / "a.gpkg", name, "release", {})) == 1
+
+
 def test_pipes_and_devices_are_not_opened(tmp_path: Path) -> None:
     """Reading them might never end."""
     os.mkfifo(tmp_path / "pipe")
@@ -376,8 +428,10 @@ def test_pipes_and_devices_are_not_opened(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("encoding", "stated", "expected"),
     [
+        ("UTF-8", "UTF-8", ""),
         ("UTF-8", None, ""),
         ("ISO-8859-1", None, ""),
+        ("ISO-8859-1", "ISO-8859-1", ""),
         ("CP850", "CP850", ""),
         ("UTF-8", "ISO-8859-1", "UTF-8"),
         ("UTF-8", "CP1252", "UTF-8"),
@@ -385,11 +439,14 @@ def test_pipes_and_devices_are_not_opened(tmp_path: Path) -> None:
         ("ISO-8859-1", "KLINGON", "ISO-8859-1"),
     ],
 )
-def test_texts_of_a_shapefile(tmp_path, encoding, stated, expected):
+def test_texts_of_a_shapefile(
+    tmp_path: Path, encoding: str, stated: str | None, expected: str
+) -> None:
     """What is not stated is seen; what is stated wrongly is refused, with the file that does so."""
     file, beside = tmp_path / "areas.shp", tmp_path / "areas.cpg"
-    names = {"H\u00f6he": ["R\u00f6tiflue"]}
-    frame = gpd.GeoDataFrame(names, geometry=[shapely.box(0, 0, 1, 1)], crs=2056)
+    frame = gpd.GeoDataFrame(
+        {"H\u00f6he": ["R\u00f6tiflue"]}, geometry=[shapely.box(0, 0, 1, 1)], crs=2056
+    )
     frame.to_file(file, encoding=encoding)
     beside.unlink() if stated is None else beside.write_text(stated)
 

@@ -7,7 +7,7 @@ import pytest
 from sassgis.errors import InputError
 from sassgis.files.plain_file import LONGEST_TEXT, check_text, read_text, toml_table
 from sassgis.inputs.csv_table import CsvColumn, csv_cells, csv_rows
-from sassgis.inputs.gap_thresholds import read_thresholds
+from sassgis.inputs.observation_values import read_thresholds
 from sassgis.inputs.result_folder import read_manifest
 
 

@@ -25,18 +25,18 @@ from sassgis.gap.fit import hypothesis_fit
 from sassgis.gap.fit.distances import RockDistances
 from sassgis.gap.fit.linear_fit import Seen, Trial
 from sassgis.gap.fit.site_data import SiteData, model_rows, site_data_of
-from sassgis.gap.forward.hypothesis_model import (
+from sassgis.gap.forward.released_rocks import (
     HypothesisModel,
     MeasurementError,
     configured_model,
 )
 from sassgis.gap.verdict import evidence, model_comparison
 from sassgis.inputs.config import load_config
-from sassgis.inputs.gap_thresholds import read_thresholds, thresholds_of
+from sassgis.inputs.observation_values import read_thresholds, thresholds_of
 from sassgis.runs import diagnose as gap_diagnose
+from sassgis.runs.calibrate import read_case
 from sassgis.runs.diagnose import ENSEMBLE, diagnose
 from sassgis.runs.draw_store import DrawStore
-from sassgis.runs.gap_case import read_case
 
 #: Models in the file of the ensemble.
 MODELS = ("base", "effect", "configured")

@@ -15,11 +15,11 @@ from helpers.scripts import load, run_script
 
 from sassgis.errors import InputError, OutputError
 from sassgis.gap.advice.measure_next import what_is_identifiable
-from sassgis.gap.observations.hops import contact_numbers, contacts_of
 from sassgis.gap.observations.observed import rock_radii_m
+from sassgis.gap.observations.projection import contact_numbers, contacts_of
 from sassgis.inputs.ground_map import built_in_table
 from sassgis.inputs.observation_files import read_observations, validate_observations
-from sassgis.runs.gap_case import read_case
+from sassgis.runs.calibrate import read_case
 
 pytestmark = pytest.mark.battery
 

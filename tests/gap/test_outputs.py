@@ -39,13 +39,12 @@ from sassgis.gap.causes.all_causes import FAMILIES
 from sassgis.gap.causes.cause import ParameterDraws
 from sassgis.gap.diagnosis import Diagnosis, Hypothesis
 from sassgis.gap.fit.hypothesis_fit import draw
-from sassgis.gap.forward.hypothesis_model import HypothesisModel, configured_model
 from sassgis.gap.forward.observation_operator import campaigns
-from sassgis.gap.forward.released_rocks import in_plane
+from sassgis.gap.forward.released_rocks import HypothesisModel, configured_model, in_plane
 from sassgis.gap.forward.rock_lines import rock_lines_of
 from sassgis.gap.observations.case import Case
 from sassgis.gap.residuals.residual_table import residuals_of
-from sassgis.gap.verdict.findings import limits_on, line_stretch, used_lines, where
+from sassgis.gap.verdict.verdict import limits_on, line_stretch, used_lines, where
 from sassgis.gap.words import (
     QUANTITY_NAMES,
     place_words,
@@ -62,14 +61,14 @@ from sassgis.report.figures.gap_figures import GapStretch, _band
 from sassgis.report.gap_answer import answer, finding_sentence, verdict_sentence
 from sassgis.report.gap_report import headline, map_parts, report_warnings
 from sassgis.report.page import translated_report, write_report
+from sassgis.runs.calibrate import read_case
 from sassgis.runs.compare import map_change
 from sassgis.runs.diagnose import write_outputs
-from sassgis.runs.gap_case import read_case
 from sassgis.runs.inputs import read_map_run
 from sassgis.runs.run import run
-from sassgis.settings.effects import EffectSettings
+from sassgis.settings.blocks import EffectSettings
 from sassgis.settings.languages import in_language
-from sassgis.settings.run_config import Config
+from sassgis.settings.map_run import Config
 from sassgis.studies.result_change import ENERGY_MEAN, difference
 
 Made = tuple[Path, Case]

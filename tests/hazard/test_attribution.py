@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from sassgis.grid import Grid
-from sassgis.hazard.attribution import attribution, governing, shares_by, zone_of_cells
+from sassgis.hazard.assess import attribution, governing, shares_by, zone_of_cells
 from sassgis.hazard.zoning.coverage import Coverage
 from sassgis.hazard.zoning.drawing import drawn_zones
 from sassgis.settings.hazard_rules import Drawing, Source, SourceCounts

@@ -5,14 +5,14 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from sassgis.hazard.measured_motion import (
+from sassgis.hazard.design import (
     measured_at,
     measured_motion,
     motion_warnings,
     size_warnings,
 )
 from sassgis.settings.blocks import BlockPopulation
-from sassgis.settings.built_in_rows import built_in_rows
+from sassgis.settings.statistics_table import built_in_rows
 
 SMALL = BlockPopulation("small", (0.2, 0.2), (0.2, 0.2), (0.1, 0.2))
 LARGE = BlockPopulation("large", volume_m3=(0.2, 3.0))

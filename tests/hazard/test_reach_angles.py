@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from sassgis.grid import Grid
-from sassgis.hazard.reach_angles import _angle_deg, foot_of_cliff
+from sassgis.hazard.sources import _angle_deg, foot_of_cliff
 from sassgis.settings.map_run import BlockRows
 from sassgis.settings.results import PASSAGE_DTYPE, ROCK_DTYPE
 from sassgis.simulation.accumulators import (

@@ -20,8 +20,7 @@ from sassgis.hazard.warnings import (
 )
 from sassgis.inputs.ground_map import built_in_table
 from sassgis.settings.hazard_rules import BlockBudget
-from sassgis.settings.profiles import LineEnd
-from sassgis.settings.results import ControlLine, StopReason
+from sassgis.settings.results import ControlLine, LineEnd, StopReason
 from sassgis.simulation.accumulators import Progress
 from sassgis.simulation.control_lines import ControlLineSums
 from sassgis.simulation.map_sums import MapSums

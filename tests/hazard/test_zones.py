@@ -15,9 +15,8 @@ from scipy import ndimage
 
 from sassgis.errors import ConfigError, InputError
 from sassgis.grid import Grid
-from sassgis.hazard.zoning import seams
-from sassgis.hazard.zoning.cell_outlines import cell_polygons
-from sassgis.hazard.zoning.coverage import Coverage
+from sassgis.hazard.zoning import drawing as seams
+from sassgis.hazard.zoning.coverage import Coverage, cell_polygons
 from sassgis.hazard.zoning.drawing import drawn_zones, reach_cells
 from sassgis.settings.hazard_rules import Drawing, ZoningSettings
 

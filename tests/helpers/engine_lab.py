@@ -11,11 +11,10 @@ from numpy.typing import NDArray
 
 from sassgis.engine.simulate import Simulated, simulate
 from sassgis.grid import FloatArray
-from sassgis.settings.blocks import BlockPopulation
-from sassgis.settings.effects import EffectSettings
+from sassgis.settings.blocks import BlockPopulation, EffectSettings
 from sassgis.settings.ground import GroundClass, GroundTable
 from sassgis.settings.map_run import Forest
-from sassgis.settings.profiles import ProfileSet
+from sassgis.settings.results import ProfileSet
 from sassgis.settings.settings import EngineSettings
 
 FLIGHT, IMPACT, ROLLING, SLIDING, END = range(5)

@@ -24,12 +24,12 @@ from sassgis.gap.diagnosis import (
     Shrinkage,
     Verdict,
 )
-from sassgis.gap.forward.hypothesis_model import ForestStand, HypothesisModel
+from sassgis.gap.forward.released_rocks import ForestStand, HypothesisModel
 from sassgis.gap.observations.case import Case
 from sassgis.grid import Grid
 from sassgis.outputs.raster import write_raster
-from sassgis.runs.gap_case import read_case
-from sassgis.settings.effects import EffectSettings
+from sassgis.runs.calibrate import read_case
+from sassgis.settings.blocks import EffectSettings
 from sassgis.settings.ground import GroundTable
 from sassgis.settings.results import Band, RasterLayer
 

@@ -14,8 +14,8 @@ from shapely.geometry import LineString, Point, box
 
 from sassgis.files.vector_layer import VectorLayer
 from sassgis.grid import Grid
-from sassgis.hazard.preset_labels import energy_labels
-from sassgis.hazard.zone_styles import (
+from sassgis.hazard.levels import (
+    energy_labels,
     hazard_level_style,
     level_change_style,
     uncertain_style,
@@ -24,7 +24,7 @@ from sassgis.hazard.zone_styles import (
 from sassgis.outputs.geopackage import write_geopackage
 from sassgis.outputs.qgis.entries import LayerEntry, LayerGroup
 from sassgis.outputs.qgis.layout import PrintLayout
-from sassgis.outputs.qgis.project import write_project
+from sassgis.outputs.qgis.run_project import write_project
 from sassgis.outputs.raster import write_raster
 from sassgis.settings.hazard_rules import HazardPreset
 from sassgis.settings.results import Band, RasterClass, RasterLayer

@@ -11,7 +11,7 @@ from shapely.geometry import MultiPolygon, Polygon, box
 
 from sassgis.files.vector_layer import VectorLayer
 from sassgis.hazard.zoning.coverage import Coverage
-from sassgis.outputs.swiss.federal import federal_layer, intensity_rows
+from sassgis.outputs.swiss.federal_model import federal_layer, intensity_rows
 
 E, N = 2_705_000.0, 1_150_000.0
 

@@ -6,14 +6,14 @@ from collections.abc import Mapping
 from typing import Any
 
 from sassgis.engine.effects.registry import EFFECTS
-from sassgis.gap.forward.hypothesis_model import (
+from sassgis.gap.forward.released_rocks import (
     ENGINE_KEYS,
     ForestStand,
     HypothesisModel,
     MeasurementError,
     ReleaseError,
 )
-from sassgis.settings.effects import EffectSettings
+from sassgis.settings.blocks import EffectSettings
 from sassgis.settings.ground import GroundClass, GroundTable
 
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from sassgis.engine.simulate import simulate
 from sassgis.engine.state import FLIGHT, IMPACT, ROLLING
-from sassgis.gap.forward.hypothesis_model import HypothesisModel
+from sassgis.gap.forward.released_rocks import HypothesisModel
 from sassgis.gap.forward.rock_lines import dips_at, repeated
 from sassgis.gap.observations.case import Case
 from sassgis.gap.observations.observed import Observations
@@ -25,17 +25,15 @@ from sassgis.gap.observations.tables import (
     Trajectories,
 )
 from sassgis.grid import Grid
-from sassgis.settings.blocks import BlockPopulation
-from sassgis.settings.effects import EffectSettings
+from sassgis.settings.blocks import BlockPopulation, EffectSettings
 from sassgis.settings.ground import GroundClass, GroundTable
 from sassgis.settings.map_run import Forest
-from sassgis.settings.profiles import ControlLineCrossings, ReleasePoints
-from sassgis.settings.results import ControlLine
+from sassgis.settings.results import ControlLine, ControlLineCrossings, ReleasePoints
 from sassgis.settings.settings import EngineSettings, TerrainSettings
 from sassgis.terrain.fall_lines import fall_line_surface, trace
 from sassgis.terrain.flatten import chainage_to_xy, profiles
+from sassgis.terrain.prepare import with_lead_in
 from sassgis.terrain.release import point_keys
-from sassgis.terrain.stretch import with_lead_in
 
 CELL, WIDTH, LENGTH = 2.0, 60.0, 330.0
 TOP_Y = 20.0

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from sassgis.grid import FloatArray, Grid
-from sassgis.settings.profiles import ReleasePoints, TraceSet
+from sassgis.settings.results import ReleasePoints, TraceSet
 
 Heights = Callable[[FloatArray, FloatArray], FloatArray]
 

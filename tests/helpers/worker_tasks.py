@@ -13,7 +13,7 @@ from typing import IO, Any
 
 import pytest
 
-from sassgis.simulation import worker_process
+from sassgis.simulation import workers as worker_process
 
 #: Bytes of a result: more than a pipe holds.
 LARGE = 1 << 20

@@ -18,9 +18,9 @@ from sassgis.hazard.assess import Assessment, Rules
 from sassgis.inputs.config import load_config
 from sassgis.runs.inputs import read_rules
 from sassgis.runs.resumable_run import Job, Simulation, Workplace, configured, read_job
-from sassgis.runs.zone import assessed, prepared, simulations
+from sassgis.runs.run import assessed, prepared, simulations
 from sassgis.settings.hazard_rules import HazardCurves
-from sassgis.settings.run_config import Config
+from sassgis.settings.map_run import Config
 from sassgis.simulation.workers import OnProgress
 
 WEST, NORTH, CELL = 2_700_000.0, 1_150_000.0, 2.0

@@ -24,9 +24,9 @@ from sassgis.inputs.config import (
     resolved,
     settings_hash,
 )
-from sassgis.outputs.config_template import config_template
+from sassgis.outputs.site_template import config_template
 from sassgis.settings.blocks import BlockPopulation
-from sassgis.settings.run_config import Config
+from sassgis.settings.map_run import Config
 from sassgis.settings.settings import EngineSettings
 
 MINIMAL = """

@@ -8,7 +8,7 @@ from helpers.hazard_samples import swiss
 from helpers.one_line import one_line
 
 from sassgis.errors import InputError
-from sassgis.hazard.preset_labels import (
+from sassgis.hazard.levels import (
     energy_labels,
     period_labels,
     preset_unverified,

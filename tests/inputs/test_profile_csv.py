@@ -7,8 +7,8 @@ from helpers.one_line import one_line
 
 from sassgis.errors import ConfigError, InputError
 from sassgis.inputs.config import load_config
+from sassgis.inputs.csv_table import check_on_profile, read_profile
 from sassgis.inputs.ground_map import built_in_table
-from sassgis.inputs.profile_csv import check_on_profile, read_profile
 
 TABLE = built_in_table()
 GOOD = "s_m,z_m,ground\n0,100,rock\n5,96.5,\n20,94,talus\n"

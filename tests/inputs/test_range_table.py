@@ -8,7 +8,7 @@ import pytest
 
 from sassgis.errors import InputError
 from sassgis.inputs.ground_map import built_in_table, read_ranges
-from sassgis.settings.ground_ranges import EVERY_CLASS, RANGED, ranges_of
+from sassgis.settings.ground import EVERY_CLASS, RANGED, ranges_of
 
 
 def test_every_parameter_has_a_range_and_says_where_it_is_from() -> None:

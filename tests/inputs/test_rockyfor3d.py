@@ -19,7 +19,7 @@ from sassgis.inputs.rockyfor3d import soil_types
 from sassgis.outputs.site_template import write_rockyfor3d_site
 from sassgis.runs.inputs import read_map_run
 from sassgis.settings.map_run import MapRun
-from sassgis.terrain.plan import placed_points
+from sassgis.terrain.prepare import placed_points
 
 NONE = np.zeros((ROWS, COLS))
 

@@ -13,7 +13,7 @@ from helpers.input_files import NORTH, WEST
 from sassgis.engine.effects.trees import Trees, energy_ratios, prepare, stem_loss
 from sassgis.errors import ConfigError, InputError
 from sassgis.grid import Grid
-from sassgis.inputs.forest import TREES_WITHIN_M, read_forest
+from sassgis.inputs.ground_map import TREES_WITHIN_M, read_forest
 from sassgis.inputs.in_memory import as_input
 from sassgis.settings.settings import ForestPlace
 

@@ -11,7 +11,7 @@ from helpers.small_slope import CELL, NORTH, WEST, Slope, heights, release_box
 
 from sassgis.errors import InputError
 from sassgis.inputs.config import load_config
-from sassgis.inputs.defaults import start_keys, with_values
+from sassgis.inputs.site_layers import start_keys, with_values
 from sassgis.inputs.tiles import read_terrain
 from sassgis.inputs.vectors import read_control_lines
 

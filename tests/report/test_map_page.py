@@ -22,7 +22,7 @@ from sassgis.hazard.curves import return_period
 from sassgis.outputs.qgis.run_project import onset_words
 from sassgis.report.map_page import Contribution, in_steps, largest_shares, strongest_cells
 from sassgis.report.protection_page import best_places
-from sassgis.runs.zone import ZoneResult
+from sassgis.runs.run import ZoneResult
 from sassgis.settings.languages import in_language, translated
 
 CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser")

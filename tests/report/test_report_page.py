@@ -15,8 +15,8 @@ from sassgis.errors import OutputError
 from sassgis.hazard.object_values import ObjectEstimate, ObjectValues
 from sassgis.hazard.warnings import rule_warnings
 from sassgis.inputs.presets import read_preset
-from sassgis.report.exposed_report import MOST_ROWS, exposed_table, most_exposed
 from sassgis.report.figures import blocks_figure, to_png
+from sassgis.report.map_report import object_lines
 from sassgis.report.page import (
     ReportContext,
     ReportFigure,
@@ -27,7 +27,7 @@ from sassgis.report.page import (
     translated_report,
     write_report,
 )
-from sassgis.report.run_summary import object_lines
+from sassgis.report.protection_page import MOST_ROWS, exposed_table, most_exposed
 from sassgis.settings.exposure import PlacedObjects
 from sassgis.settings.languages import in_language
 

@@ -15,7 +15,7 @@ from sassgis.inputs.config import load_config
 from sassgis.runs.inputs import read_map_run
 from sassgis.runs.run import RunResult, run
 from sassgis.settings.map_run import MapRun
-from sassgis.terrain.plan import Plan, plan
+from sassgis.terrain.prepare import Plan, plan
 
 TABLES = {"output.rock_table": "csv", "output.passage_table": "csv"}
 

@@ -36,7 +36,7 @@ from helpers.map_bands import read_band
 from helpers.zone_slope import CELL, Case, box, place, plane, zoned
 
 from sassgis.hazard.curves import rate_interval
-from sassgis.runs.zone import ZoneResult, zone
+from sassgis.runs.run import ZoneResult, zone
 
 ROWS, COLS, ROW = 21, 90, 10
 TOP, MIDDLE, LOW = 1.0 / 2000.0, 1.0 / 150.0, 1.0 / 200.0

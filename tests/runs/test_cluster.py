@@ -22,7 +22,7 @@ from sassgis.simulation.accumulators import Progress
 from sassgis.simulation.cluster import Cluster, cluster
 from sassgis.simulation.loop import TerrainTooSmall, simulate_map
 from sassgis.simulation.workers import task_map
-from sassgis.terrain.plan import Plan
+from sassgis.terrain.prepare import Plan
 
 
 @pytest.fixture(scope="module")

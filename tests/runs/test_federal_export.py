@@ -11,7 +11,7 @@ import pytest
 import rasterio
 
 from sassgis.outputs.swiss.transfer import ExportResult, export_xtf
-from sassgis.runs.zone import zone
+from sassgis.runs.run import zone
 
 #: From the Austrian coordinates of the Tyrolean terrain into those of Switzerland (m).
 MOVED = (2_500_000.0, 800_000.0)

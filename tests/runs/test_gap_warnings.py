@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 from helpers.simulated_slope import BASE, observed, with_observed
 
-from sassgis.runs.gap_warnings import edge_warnings, limit_warnings, stop_warnings
+from sassgis.runs.calibrate import edge_warnings, limit_warnings, stop_warnings
 from sassgis.settings.ground import GroundTable
 
 

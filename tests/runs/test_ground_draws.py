@@ -18,15 +18,15 @@ from sassgis.inputs.config import load_config
 from sassgis.inputs.ground_map import read_ranges
 from sassgis.runs import resumable_run as module
 from sassgis.runs.inputs import read_map_run
+from sassgis.runs.run import ZoneResult, zone
 from sassgis.runs.variant_lab import runout_bands
-from sassgis.runs.zone import ZoneResult, zone
-from sassgis.settings.ground_ranges import RANGED, ranges_of, with_values
-from sassgis.settings.run_config import Config
+from sassgis.settings.ground import RANGED, ranges_of, with_values
+from sassgis.settings.map_run import Config
 from sassgis.settings.statistics_table import bins_of
 from sassgis.simulation.loop import simulate_map
 from sassgis.simulation.response import outcome_of
 from sassgis.studies.variants import draw_of
-from sassgis.terrain.plan import plan
+from sassgis.terrain.prepare import plan
 
 AREA = {"areas": ["Nord"], "jobs": 1}
 

@@ -20,7 +20,7 @@ from sassgis.inputs.config import load_config
 from sassgis.runs.inputs import profile_from_csv
 from sassgis.runs.profile_run import run_profile, simulate_profile
 from sassgis.runs.run import run
-from sassgis.simulation.along_profile import arrivals, passage_histogram, share_within
+from sassgis.simulation.path_sample import arrivals, passage_histogram, share_within
 
 
 @pytest.fixture(scope="module")

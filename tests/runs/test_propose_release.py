@@ -12,10 +12,10 @@ import shapely
 from helpers.small_slope import CELL, NORTH, WEST, Slope
 
 from sassgis.inputs.config import load_config
-from sassgis.inputs.defaults import start_keys
+from sassgis.inputs.site_layers import start_keys
 from sassgis.inputs.tiles import read_terrain
 from sassgis.inputs.vectors import read_release
-from sassgis.outputs.config_template import short_template
+from sassgis.outputs.site_template import short_template
 
 ROWS, COLS = 60, 160
 #: Columns of the cliff, and of an outcrop on the slope.

@@ -13,8 +13,7 @@ from helpers.zone_slope import Case, box, gully, place, two_areas
 from sassgis.errors import InputError
 from sassgis.inputs.config import load_config
 from sassgis.runs.check_inputs import check_inputs
-from sassgis.runs.run import run
-from sassgis.runs.zone import zone
+from sassgis.runs.run import run, zone
 
 UNKNOWN = -9999.0
 

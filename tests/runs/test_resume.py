@@ -23,14 +23,13 @@ from sassgis.inputs.config import load_config
 from sassgis.runs import resumable_run as job_module
 from sassgis.runs.run import run
 from sassgis.simulation import loop as map_run
-from sassgis.simulation.accumulators import Progress, SourceTally
+from sassgis.simulation.accumulators import Progress, SourceSums, SourceTally
 from sassgis.simulation.checkpoint import Checkpoint, progress_from, state_of
 from sassgis.simulation.control_lines import ControlLineSums
 from sassgis.simulation.loop import simulate_map
 from sassgis.simulation.map_sums import MapSums
-from sassgis.simulation.source_sums import SourceSums
 from sassgis.simulation.workers import held_back
-from sassgis.terrain.plan import plan
+from sassgis.terrain.prepare import plan
 
 TABLES = {"output.rock_table": "csv", "output.passage_table": "csv"}
 

@@ -14,7 +14,7 @@ from helpers.zone_slope import Case, Zoned, place, two_areas, zoned
 from sassgis.errors import ConfigError, Interrupted
 from sassgis.inputs.config import load_config
 from sassgis.runs.check_inputs import check_inputs
-from sassgis.runs.zone import zone
+from sassgis.runs.run import zone
 from sassgis.settings.hazard_rules import HazardCurves
 from sassgis.settings.map_run import BlockRows, Round
 from sassgis.simulation.accumulators import Progress

@@ -15,10 +15,10 @@ from sassgis.hazard.sources import sampled_sources
 from sassgis.inputs.config import load_config
 from sassgis.runs.inputs import read_rules
 from sassgis.runs.resumable_run import read_job
-from sassgis.runs.zone import prepared
+from sassgis.runs.run import prepared
 from sassgis.settings.statistics_table import bins_of
 from sassgis.simulation.loop import simulate_map
-from sassgis.terrain.plan import plan
+from sassgis.terrain.prepare import plan
 
 SEEDS = 100
 ENERGIES = (0.0, 30.0, 300.0)

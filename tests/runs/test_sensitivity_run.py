@@ -19,8 +19,8 @@ from sassgis.files.atomic_output import partial_folder
 from sassgis.inputs.config import load_config
 from sassgis.runs import resumable_run as module
 from sassgis.runs.sensitivity_run import SensitivityResult, sensitivity
-from sassgis.settings.ground_ranges import RANGED
-from sassgis.settings.run_config import Config
+from sassgis.settings.ground import RANGED
+from sassgis.settings.map_run import Config
 
 OPTIONS = {"samples": 4, "rocks": 48, "jobs": 1, "areas": ["Nord"]}
 

@@ -10,13 +10,12 @@ import shapely
 from helpers.map_sums_state import assert_same
 
 from sassgis.outputs.layers.maps import map_layers
-from sassgis.settings.profiles import LineEnd
-from sassgis.settings.results import StopReason
+from sassgis.settings.results import LineEnd, StopReason
 from sassgis.settings.statistics_table import bins_of
 from sassgis.simulation.accumulators import Progress, joined_rows, line_ends, sample_of
 from sassgis.simulation.loop import simulate_map
 from sassgis.simulation.map_sums import MapSums
-from sassgis.terrain.plan import plan
+from sassgis.terrain.prepare import plan
 
 
 @pytest.fixture(scope="module")

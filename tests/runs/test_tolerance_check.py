@@ -12,7 +12,7 @@ from sassgis.inputs.ground_map import built_in_table
 from sassgis.settings.map_run import MapRun, Round
 from sassgis.settings.settings import EngineSettings
 from sassgis.simulation.loop import check_tolerance, plan_of_points, sampled_plan, simulate_map
-from sassgis.terrain.plan import Plan, plan
+from sassgis.terrain.prepare import Plan, plan
 
 
 def on_waves(job: MapRun, height_m: float) -> MapRun:

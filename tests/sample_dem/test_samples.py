@@ -20,10 +20,10 @@ from sassgis.inputs.config import load_config
 from sassgis.outputs.site_template import write_samples
 from sassgis.runs.inputs import read_rules
 from sassgis.runs.resumable_run import read_job
-from sassgis.runs.zone import prepared
+from sassgis.runs.run import prepared
 from sassgis.settings.results import Outcome
 from sassgis.simulation.loop import simulate_map
-from sassgis.terrain.plan import plan
+from sassgis.terrain.prepare import plan
 
 ROOT = Path(__file__).resolve().parents[2]
 SAMPLES = ROOT / "sample_dem"

@@ -12,7 +12,7 @@ from annotated_types import Interval
 from sassgis.engine.effects.air_drag import AirDrag
 from sassgis.engine.effects.trees import Trees
 from sassgis.errors import ConfigError
-from sassgis.settings.effects import EffectSettings
+from sassgis.settings.blocks import EffectSettings
 from sassgis.settings.schema import Renamed, Section, Several, Span, checked, declared, is_file
 from sassgis.settings.settings import BlockSettings, RunSettings, TerrainSettings
 

@@ -5,8 +5,14 @@ from __future__ import annotations
 import pytest
 from scipy.stats import norm
 
-from sassgis.settings.ground import GroundClass, GroundTable
-from sassgis.settings.ground_ranges import RangeRule, acting, ranges_of, with_values
+from sassgis.settings.ground import (
+    GroundClass,
+    GroundTable,
+    RangeRule,
+    acting,
+    ranges_of,
+    with_values,
+)
 from sassgis.settings.settings import EngineSettings
 
 TABLE = GroundTable(

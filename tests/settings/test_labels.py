@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from sassgis.settings.labels import short
+from sassgis.settings.results import short
 
 
 @pytest.mark.parametrize(

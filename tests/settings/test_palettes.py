@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from sassgis.hazard.zone_styles import (
+from sassgis.hazard.levels import (
     hazard_level_style,
     level_change_style,
     uncertain_style,

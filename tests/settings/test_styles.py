@@ -13,7 +13,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from sassgis.files.vector_layer import VectorLayer
-from sassgis.outputs.qgis.markup import qml
+from sassgis.outputs.qgis.entries import qml
 from sassgis.settings.results import Band, RasterLayer
 from sassgis.settings.styles import (
     STOP_STYLE,

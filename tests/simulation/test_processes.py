@@ -17,7 +17,7 @@ import pytest
 from helpers.worker_tasks import LARGE, Task, kill_as_they_start, number, wait_for, work
 
 from sassgis.errors import OutputError
-from sassgis.simulation import worker_process
+from sassgis.simulation import workers as worker_process
 from sassgis.simulation.workers import Processes, task_map
 
 pytestmark = pytest.mark.skipif(

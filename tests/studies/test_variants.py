@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy.stats import kstest, truncnorm
 
-from sassgis.settings.ground_ranges import ParameterRange
+from sassgis.settings.ground import ParameterRange
 from sassgis.studies.variants import (
     FAR,
     Variant,

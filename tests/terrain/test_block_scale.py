@@ -15,8 +15,8 @@ from sassgis.grid import Grid
 from sassgis.inputs.config import load_config
 from sassgis.runs.inputs import read_map_run
 from sassgis.settings.map_run import MapRun
+from sassgis.terrain.cells import heights_at
 from sassgis.terrain.fall_lines import fall_line_surface, trace
-from sassgis.terrain.heights import heights_at
 from sassgis.terrain.prepare import prepare_lines
 from sassgis.terrain.surface import block_scale_grid
 

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from scipy import ndimage
 
 from sassgis.grid import FloatArray, Grid
-from sassgis.settings.profiles import LineEnd, TraceSet
+from sassgis.settings.results import LineEnd, TraceSet
 from sassgis.settings.settings import TerrainSettings
 from sassgis.terrain.fall_lines import _closes, fall_line_surface, trace
 from sassgis.terrain.release import take

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from sassgis.errors import InputError
 from sassgis.grid import FloatArray, Grid
-from sassgis.settings.profiles import ProfileSet, TraceSet
+from sassgis.settings.results import ProfileSet, TraceSet
 from sassgis.settings.settings import TerrainSettings
 from sassgis.terrain.fall_lines import fall_line_surface, trace
 from sassgis.terrain.flatten import chainage_to_xy, crossings, profiles, xy_to_chainage

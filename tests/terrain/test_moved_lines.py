@@ -7,7 +7,7 @@ import pytest
 
 from sassgis.grid import Grid
 from sassgis.settings.results import ControlLine
-from sassgis.terrain.moved_lines import MOVES_M, mean_height_m, moved_lines
+from sassgis.terrain.fall_lines import MOVES_M, mean_height_m, moved_lines
 
 NET = ControlLine("net", "net", 3.0)
 

@@ -11,7 +11,7 @@ from rasterio.enums import Resampling
 from rasterio.warp import reproject
 
 from sassgis.inputs.dem_raw import read_raw_dem
-from sassgis.terrain.nodata_traces import nodata_traces
+from sassgis.terrain.dem_defects import nodata_traces
 
 N = 150
 ROW, COL = np.indices((N, N)).astype(float)

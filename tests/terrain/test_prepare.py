@@ -9,8 +9,7 @@ from helpers.terrains import grid_of, middle, points_at
 from sassgis.inputs.ground_map import built_in_table
 from sassgis.settings.blocks import BlockPopulation
 from sassgis.settings.map_run import MapRun
-from sassgis.settings.profiles import TraceSet
-from sassgis.settings.results import ControlLine
+from sassgis.settings.results import ControlLine, TraceSet
 from sassgis.settings.settings import EngineSettings, ReleaseSettings, TerrainSettings
 from sassgis.terrain.fall_lines import fall_line_surface, trace
 from sassgis.terrain.prepare import LEAD_IN_M, draw_keys, drawn_lines, prepare_lines

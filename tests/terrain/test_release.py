@@ -9,7 +9,7 @@ import shapely
 import shapely.affinity
 
 from sassgis.errors import InputError
-from sassgis.settings.profiles import ReleasePoints
+from sassgis.settings.results import ReleasePoints
 from sassgis.settings.settings import ReleaseSettings
 from sassgis.terrain.release import MAX_POINTS, point_keys, points_expected, release_points, take
 

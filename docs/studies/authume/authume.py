@@ -32,7 +32,7 @@ from sassgis.errors import InputError, SassgisError
 from sassgis.grid import FloatArray
 from sassgis.report.figures import save
 from sassgis.runs.run import RunResult, run
-from sassgis.settings.profiles import ReleasePoints, TraceSet
+from sassgis.settings.results import ReleasePoints, TraceSet
 from sassgis.terrain.fall_lines import trace
 from sassgis.terrain.flatten import xy_to_chainage
 

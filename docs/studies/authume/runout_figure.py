@@ -24,7 +24,7 @@ from sassgis.report.figures.style import (
     percent_formatter,
     thousands_formatter,
 )
-from sassgis.settings.labels import thousands
+from sassgis.settings.results import thousands
 
 #: Shares of the rocks listed beside the curves.
 SHARES = (0.05, 0.25, 0.5, 0.75, 0.95)

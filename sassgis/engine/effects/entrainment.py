@@ -12,9 +12,9 @@ from sassgis.compiled import rng
 from sassgis.compiled.jit import lean
 from sassgis.engine.effects.forms import Numbers, kernel_form
 from sassgis.engine.effects.spawning import spawn
-from sassgis.engine.rows import CountedRows, Record
+from sassgis.engine.ellipse import CountedRows, Record
 from sassgis.engine.state import Block
-from sassgis.settings.effects import EffectSection
+from sassgis.settings.blocks import EffectSection
 from sassgis.settings.schema import Several, Text, checked
 
 

@@ -6,7 +6,7 @@ from collections import namedtuple
 from collections.abc import Callable
 from typing import Any, Literal, TypeVar, get_args, get_origin
 
-from sassgis.settings.effects import EffectSection
+from sassgis.settings.blocks import EffectSection
 from sassgis.settings.schema import declared
 
 #: A named tuple of the numbers of an effect. ``form`` is 0 where it is off, else the place of its

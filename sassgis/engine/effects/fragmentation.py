@@ -12,10 +12,10 @@ from sassgis.compiled import rng
 from sassgis.compiled.jit import kernel, lean
 from sassgis.engine.effects.forms import Numbers, kernel_form
 from sassgis.engine.effects.spawning import MOST_SPAWNED, spawn
-from sassgis.engine.rows import CountedRows, Record
+from sassgis.engine.ellipse import CountedRows, Record
 from sassgis.engine.state import Block
 from sassgis.grid import FloatArray
-from sassgis.settings.effects import EffectSection
+from sassgis.settings.blocks import EffectSection
 from sassgis.settings.schema import checked
 
 

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from sassgis.engine.rows import Records, record_type
+from sassgis.engine.ellipse import Records, record_type
 from sassgis.errors import ConfigError
 from sassgis.settings.ground import PARAMETERS, GroundTable
 

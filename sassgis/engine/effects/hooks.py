@@ -28,10 +28,10 @@ from sassgis.engine.effects import (
 from sassgis.engine.effects.forms import OFF, Numbers
 from sassgis.engine.effects.ground_switch import ground_rows
 from sassgis.engine.effects.spawning import MOST_SPAWNED
+from sassgis.engine.ellipse import CountedRows, Record, Records, record_type
 from sassgis.engine.impact import COULOMB, SCALE
-from sassgis.engine.rows import CountedRows, Record, Records, record_type
 from sassgis.engine.state import STATE_FIELDS, Block, Site
-from sassgis.settings.effects import EffectSettings
+from sassgis.settings.blocks import EffectSettings
 from sassgis.settings.ground import GroundTable
 
 #: The state of a block, with what effects remember of it and of the step that it makes.

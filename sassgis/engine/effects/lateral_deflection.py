@@ -11,8 +11,8 @@ from annotated_types import Interval
 from sassgis.compiled import rng
 from sassgis.compiled.jit import lean
 from sassgis.engine.effects.forms import Numbers, kernel_form
-from sassgis.engine.rows import Record
-from sassgis.settings.effects import EffectSection
+from sassgis.engine.ellipse import Record
+from sassgis.settings.blocks import EffectSection
 from sassgis.settings.schema import checked
 
 

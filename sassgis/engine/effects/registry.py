@@ -20,7 +20,7 @@ from sassgis.engine.effects.roughness import Roughness
 from sassgis.engine.effects.soft_ground import SoftGround
 from sassgis.engine.effects.trees import Trees
 from sassgis.engine.effects.wind import Wind
-from sassgis.settings.effects import EffectSection
+from sassgis.settings.blocks import EffectSection
 from sassgis.settings.schema import Declared, Section, declared
 from sassgis.settings.settings import ForestPlace
 

@@ -9,7 +9,7 @@ from annotated_types import Interval
 
 from sassgis.compiled.jit import lean
 from sassgis.engine.effects.forms import Numbers, kernel_form
-from sassgis.settings.effects import EffectSection
+from sassgis.settings.blocks import EffectSection
 from sassgis.settings.schema import Several, Text, checked
 
 

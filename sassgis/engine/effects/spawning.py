@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from sassgis.compiled.jit import lean
-from sassgis.engine.rows import CountedRows
+from sassgis.engine.ellipse import CountedRows
 from sassgis.engine.state import Block
 
 #: Blocks that one released block may spawn.

@@ -13,13 +13,13 @@ from annotated_types import Interval
 from sassgis.compiled import rng
 from sassgis.compiled.jit import inlined, lean
 from sassgis.engine.effects.forms import OFF, Numbers, kernel_form
+from sassgis.engine.ellipse import CountedRows, Record
 from sassgis.engine.profile import segment_at, to_cell_border
-from sassgis.engine.rows import CountedRows, Record
 from sassgis.engine.state import Block, Site
 from sassgis.errors import ConfigError
-from sassgis.settings.built_in_rows import built_in_rows
-from sassgis.settings.effects import EffectSection
+from sassgis.settings.blocks import EffectSection
 from sassgis.settings.schema import checked
+from sassgis.settings.statistics_table import built_in_rows
 
 
 @checked(frozen=True, slots=True)

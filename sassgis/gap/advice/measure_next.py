@@ -27,12 +27,10 @@ from sassgis.gap.constants import (
     SURE_DIFFERENCE,
     TRIED_STATIONS,
 )
-from sassgis.gap.forward.hypothesis_model import HypothesisModel
 from sassgis.gap.forward.observation_operator import campaigns
-from sassgis.gap.forward.released_rocks import with_stations_at
+from sassgis.gap.forward.released_rocks import HypothesisModel, with_stations_at
 from sassgis.gap.forward.rock_lines import RockLines, control_lines_of
-from sassgis.gap.observations.campaign import WHOLE, Campaign, ImpactRows, observed_campaign
-from sassgis.gap.observations.case import Case
+from sassgis.gap.observations.case import WHOLE, Campaign, Case, ImpactRows, observed_campaign
 from sassgis.gap.observations.observed import Observations, rock_masses_kg
 from sassgis.gap.residuals.rock_residuals import mean_of_draws, per_rock
 from sassgis.gap.words import effect_name

@@ -19,13 +19,13 @@ from scipy.special import ndtri
 from sassgis.engine.effects.registry import EFFECTS
 from sassgis.gap.constants import FINGERPRINT_ROCKS, MEDIAN_OF_NORMAL, MISSTATED_SHARE
 from sassgis.gap.diagnosis import Fingerprint
-from sassgis.gap.forward.hypothesis_model import HypothesisModel
+from sassgis.gap.forward.released_rocks import HypothesisModel
 from sassgis.gap.observations.case import Case
 from sassgis.gap.residuals.residual_table import ResidualTable, StepTable
 from sassgis.gap.residuals.rock_residuals import mean_of_draws
 from sassgis.gap.residuals.stop_residuals import side_error
 from sassgis.grid import FloatArray
-from sassgis.settings.effects import EffectSection
+from sassgis.settings.blocks import EffectSection
 
 
 def rounded(value: float) -> float:

@@ -8,7 +8,7 @@ import numpy as np
 
 from sassgis.gap.causes.cause import Cause, CausePart, ParameterDraws, rounded
 from sassgis.gap.constants import LAW_BOUNDS, RESTITUTION_SPEED_MPS
-from sassgis.gap.forward.hypothesis_model import HypothesisModel
+from sassgis.gap.forward.released_rocks import HypothesisModel
 from sassgis.gap.observations.case import Case
 from sassgis.settings.ground import GroundTable
 

@@ -43,8 +43,7 @@ from sassgis.gap.constants import (
     MASS_DRAWS,
     MISNAMED_CHANCE,
 )
-from sassgis.gap.observations.campaign import errors_of
-from sassgis.gap.observations.case import Case
+from sassgis.gap.observations.case import Case, errors_of
 from sassgis.gap.observations.observed import deposit_masses_kg
 from sassgis.gap.residuals.residual_table import ResidualTable
 from sassgis.grid import FloatArray

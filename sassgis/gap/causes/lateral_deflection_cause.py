@@ -31,7 +31,7 @@ from sassgis.gap.constants import (
     MISSTATED_SHARE,
     STRAIGHT_GROWTH,
 )
-from sassgis.gap.forward.hypothesis_model import HypothesisModel
+from sassgis.gap.forward.released_rocks import HypothesisModel
 from sassgis.gap.observations.case import Case
 from sassgis.gap.residuals.residual_table import ResidualTable
 from sassgis.gap.residuals.rock_residuals import mean_of_draws, per_rock

@@ -39,9 +39,8 @@ from sassgis.gap.constants import (
     USUAL_SCALE,
 )
 from sassgis.gap.diagnosis import Fingerprint
-from sassgis.gap.forward.hypothesis_model import HypothesisModel, MeasurementError
-from sassgis.gap.observations.campaign import errors_of
-from sassgis.gap.observations.case import Case
+from sassgis.gap.forward.released_rocks import HypothesisModel, MeasurementError
+from sassgis.gap.observations.case import Case, errors_of
 from sassgis.gap.residuals.residual_table import ResidualTable
 from sassgis.gap.residuals.rock_residuals import mean_of_draws, per_rock
 from sassgis.gap.residuals.stop_residuals import side_error

@@ -37,9 +37,8 @@ from sassgis.gap.constants import (
     START_AHEAD_M,
     STATED_START_M,
 )
-from sassgis.gap.forward.hypothesis_model import ReleaseError
-from sassgis.gap.observations.campaign import errors_of
-from sassgis.gap.observations.case import Case
+from sassgis.gap.forward.released_rocks import ReleaseError
+from sassgis.gap.observations.case import Case, errors_of
 from sassgis.gap.observations.observed import above_release_m
 from sassgis.gap.residuals.residual_table import ResidualTable
 from sassgis.gap.residuals.rock_residuals import per_rock

@@ -41,9 +41,8 @@ from sassgis.gap.constants import (
     STRUCK_SHARE,
     STRUCK_SIGMAS,
 )
-from sassgis.gap.forward.hypothesis_model import ForestStand, HypothesisModel
-from sassgis.gap.observations.campaign import errors_of
-from sassgis.gap.observations.case import Case
+from sassgis.gap.forward.released_rocks import ForestStand, HypothesisModel
+from sassgis.gap.observations.case import Case, errors_of
 from sassgis.gap.residuals.residual_table import MODEL_FLIGHT, ResidualTable, StepTable
 from sassgis.gap.residuals.rock_residuals import per_rock, t_statistics
 from sassgis.grid import FloatArray

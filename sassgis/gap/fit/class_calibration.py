@@ -42,22 +42,6 @@ from sassgis.gap.fit.fit_errors import (
     quantity_errors,
     table_scores,
 )
-from sassgis.gap.fit.identifiability import (
-    Fitted,
-    Misfits,
-    Posterior,
-    Told,
-    TradeOff,
-    as_good,
-    classes_alike,
-    contradicting,
-    fitted_parameters,
-    identified_combinations,
-    posterior_of,
-    together,
-    told_by,
-    trade_offs,
-)
 from sassgis.gap.fit.linear_fit import (
     FitBudget,
     RunTrials,
@@ -69,13 +53,31 @@ from sassgis.gap.fit.linear_fit import (
     rocks_drawn_anew,
     summary_of,
 )
-from sassgis.gap.fit.parameters import ClassParameter, parameters_of, prior_shares, table_with
+from sassgis.gap.fit.parameters import (
+    ClassParameter,
+    Fitted,
+    Misfits,
+    Posterior,
+    Told,
+    TradeOff,
+    as_good,
+    classes_alike,
+    contradicting,
+    fitted_parameters,
+    identified_combinations,
+    parameters_of,
+    posterior_of,
+    prior_shares,
+    table_with,
+    together,
+    told_by,
+    trade_offs,
+)
 from sassgis.gap.fit.site_data import Prediction, SiteData, added, prediction, scores_of
-from sassgis.gap.forward.hypothesis_model import HypothesisModel, configured_model
+from sassgis.gap.forward.released_rocks import HypothesisModel, configured_model
 from sassgis.gap.observations.case import classes_met
 from sassgis.grid import FloatArray
-from sassgis.settings.ground import LIMITS, GroundTable
-from sassgis.settings.ground_ranges import ParameterRange, RangeRule, ranges_of
+from sassgis.settings.ground import LIMITS, GroundTable, ParameterRange, RangeRule, ranges_of
 from sassgis.settings.languages import phrase
 
 

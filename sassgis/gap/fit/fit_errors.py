@@ -17,7 +17,7 @@ from sassgis.gap.fit.distances import (
     mean_interval,
     quantiles_of,
 )
-from sassgis.gap.fit.identifiability import Fitted
+from sassgis.gap.fit.parameters import Fitted
 from sassgis.gap.fit.site_data import SiteData
 from sassgis.gap.residuals.rock_residuals import mean_of_draws
 from sassgis.grid import FloatArray

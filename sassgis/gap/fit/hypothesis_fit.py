@@ -35,15 +35,13 @@ from sassgis.gap.constants import (
 )
 from sassgis.gap.diagnosis import Range
 from sassgis.gap.fit.distances import Interval, RockDistances, bootstrap_interval
-from sassgis.gap.fit.identifiability import TradeOff, trade_offs
 from sassgis.gap.fit.linear_fit import FitBudget, LinearFit, Seen, SiteSummary, Trial, fit_linearly
-from sassgis.gap.fit.parameters import fitted_names
+from sassgis.gap.fit.parameters import TradeOff, fitted_names, trade_offs
 from sassgis.gap.fit.site_data import SiteData, model_rows, scores_of
-from sassgis.gap.forward.hypothesis_model import HypothesisModel, MeasurementError, moving_effects
+from sassgis.gap.forward.released_rocks import HypothesisModel, MeasurementError, moving_effects
 from sassgis.gap.observations.case import Case, classes_met
 from sassgis.grid import BoolArray, FloatArray, IntArray
-from sassgis.settings.ground import GroundTable
-from sassgis.settings.ground_ranges import with_values
+from sassgis.settings.ground import GroundTable, with_values
 from sassgis.settings.schema import highest
 from sassgis.settings.settings import EngineSettings
 

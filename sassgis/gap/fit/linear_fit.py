@@ -42,9 +42,9 @@ from sassgis.gap.constants import (
 )
 from sassgis.gap.fit.distances import times_drawn
 from sassgis.gap.fit.site_data import SiteData, model_rows, outcomes_of, rows_of
-from sassgis.gap.forward.hypothesis_model import HypothesisModel
 from sassgis.gap.forward.observation_operator import campaigns, rock_quantities
-from sassgis.gap.observations.campaign import ImpactRows
+from sassgis.gap.forward.released_rocks import HypothesisModel
+from sassgis.gap.observations.case import ImpactRows
 from sassgis.gap.residuals.impact_residuals import ImpactsInFlight
 from sassgis.grid import BoolArray, FloatArray
 

@@ -18,11 +18,10 @@ from numpy.typing import NDArray
 
 from sassgis.gap.constants import MOST_IMPACTS, OUTCOME_DRAWS, SCORED_ROCKS, SPEED_OVER_S
 from sassgis.gap.fit.distances import energy_scores, folds_of
-from sassgis.gap.forward.hypothesis_model import HypothesisModel
 from sassgis.gap.forward.observation_operator import campaigns, rock_quantities
+from sassgis.gap.forward.released_rocks import HypothesisModel
 from sassgis.gap.forward.rock_lines import RockLines, rock_lines_of
-from sassgis.gap.observations.campaign import Campaign, errors_of, observed_campaign
-from sassgis.gap.observations.case import Case
+from sassgis.gap.observations.case import Campaign, Case, errors_of, observed_campaign
 from sassgis.gap.residuals.impact_residuals import (
     ImpactsInFlight,
     impacts_in_flight,

@@ -19,29 +19,35 @@ from sassgis.engine.ellipse import mean_radius
 from sassgis.engine.simulate import moving_axes
 from sassgis.engine.state import END, EVENT_DTYPE, FLIGHT, IMPACT
 from sassgis.gap.constants import AHEAD_SHARES, LEAVING_RUNS, LOGGED_EVENTS
-from sassgis.gap.forward.hypothesis_model import HypothesisModel, ReleaseError
-from sassgis.gap.forward.released_rocks import Moved, all_rocks, in_plane, move
+from sassgis.gap.forward.released_rocks import (
+    HypothesisModel,
+    Moved,
+    ReleaseError,
+    all_rocks,
+    in_plane,
+    move,
+)
 from sassgis.gap.forward.rock_lines import (
     RockLines,
     dips_at,
     heights_at_chainage,
     recorded_contacts,
 )
-from sassgis.gap.observations.campaign import (
+from sassgis.gap.observations.case import (
     LOOSE,
     PIECE,
     WHOLE,
     Campaign,
+    Case,
     DepositRows,
     ImpactRows,
     PassageRows,
     main_blocks,
 )
-from sassgis.gap.observations.case import Case
-from sassgis.gap.observations.hops import ContactRows, contact_numbers
+from sassgis.gap.observations.projection import ContactRows, contact_numbers
 from sassgis.grid import FloatArray, Grid, IntArray
 from sassgis.settings.results import StopReason
-from sassgis.terrain.heights import heights_at
+from sassgis.terrain.cells import heights_at
 
 
 def observe(

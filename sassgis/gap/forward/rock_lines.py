@@ -13,20 +13,19 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.spatial import cKDTree
 
 from sassgis.gap.constants import BESIDE_LINE_M, FEWEST_PAIRS, STRETCH_M
-from sassgis.gap.observations.campaign import (
+from sassgis.gap.observations.case import (
     Campaign,
+    Case,
     Errors,
     ImpactRows,
     errors_of,
     main_blocks,
     observed_campaign,
 )
-from sassgis.gap.observations.case import Case
 from sassgis.gap.observations.observed import stated_or
 from sassgis.grid import FloatArray, IntArray
 from sassgis.settings.map_run import Forest
-from sassgis.settings.profiles import ControlLineCrossings, ProfileSet
-from sassgis.settings.results import ControlLine
+from sassgis.settings.results import ControlLine, ControlLineCrossings, ProfileSet
 from sassgis.terrain.release import point_keys
 
 

@@ -49,8 +49,8 @@ from sassgis.gap.observations.observed import (
 )
 from sassgis.gap.observations.tables import POINT_TABLES, TABLE_TYPES, TABLES
 from sassgis.grid import FloatArray, Grid
-from sassgis.settings.labels import some_of
-from sassgis.terrain.heights import heights_at
+from sassgis.settings.results import some_of
+from sassgis.terrain.cells import heights_at
 
 Check = Callable[[Observations, Grid | None], Iterator[ObservationFinding]]
 

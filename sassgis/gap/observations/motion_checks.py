@@ -24,7 +24,6 @@ from sassgis.gap.constants import (
     SPEED_ERROR_REL,
     USUAL_SCALE,
 )
-from sassgis.gap.observations.hops import contact_order, contacts_of, hops_of
 from sassgis.gap.observations.observed import (
     RULES,
     ObservationFinding,
@@ -37,6 +36,7 @@ from sassgis.gap.observations.observed import (
     station_heights_m,
     tops_m,
 )
+from sassgis.gap.observations.projection import contact_order, contacts_of, hops_of
 from sassgis.gap.observations.tables import TABLES, Column
 from sassgis.grid import FloatArray, Grid, IntArray
 

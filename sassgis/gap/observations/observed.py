@@ -27,9 +27,9 @@ from sassgis.gap.observations.tables import (
     Trajectories,
 )
 from sassgis.grid import BoolArray, FloatArray, Grid, IntArray
-from sassgis.settings.labels import some_of
+from sassgis.settings.results import some_of
 from sassgis.settings.schema import Input
-from sassgis.terrain.heights import heights_at
+from sassgis.terrain.cells import heights_at
 
 Level = Literal["error", "warning"]
 LeftOut = Literal["", "value", "row", "table"]

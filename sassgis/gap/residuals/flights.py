@@ -40,13 +40,11 @@ from sassgis.gap.constants import (
 )
 from sassgis.gap.forward.released_rocks import fixed_blocks
 from sassgis.gap.forward.rock_lines import repeated
-from sassgis.gap.observations.campaign import errors_of
-from sassgis.gap.observations.case import Case
+from sassgis.gap.observations.case import Case, errors_of
 from sassgis.gap.residuals.rock_residuals import Residual, beyond, mean_of_draws
 from sassgis.gap.residuals.stop_residuals import FreeRun
 from sassgis.grid import BoolArray, FloatArray, IntArray
-from sassgis.settings.profiles import ControlLineCrossings
-from sassgis.settings.results import ControlLine
+from sassgis.settings.results import ControlLine, ControlLineCrossings
 
 #: Effects that act between impacts; the flights that are compared here have none of them.
 FLIGHT_EFFECTS = tuple(row.name for row in EFFECTS.values() if row.phase == "flight")

@@ -20,10 +20,9 @@ from sassgis.compiled.jit import kernel
 from sassgis.engine.draws import block_of, with_outline
 from sassgis.engine.effects import hooks
 from sassgis.engine.effects.lateral_deflection import LateralDeflection
-from sassgis.engine.ellipse import frame_of
+from sassgis.engine.ellipse import Records, frame_of
 from sassgis.engine.impact import impact
 from sassgis.engine.rolling import growth
-from sassgis.engine.rows import Records
 from sassgis.engine.simulate import physics_of
 from sassgis.engine.state import Physics
 from sassgis.gap.constants import (
@@ -38,9 +37,8 @@ from sassgis.gap.constants import (
     REBOUND_DRAWS,
     REBOUND_MPS,
 )
-from sassgis.gap.forward.hypothesis_model import HypothesisModel
-from sassgis.gap.observations.campaign import ImpactRows, errors_of
-from sassgis.gap.observations.case import Case
+from sassgis.gap.forward.released_rocks import HypothesisModel
+from sassgis.gap.observations.case import Case, ImpactRows, errors_of
 from sassgis.gap.observations.observed import stated_or
 from sassgis.gap.observations.tables import Impacts
 from sassgis.gap.residuals.rock_residuals import (

@@ -24,11 +24,10 @@ from sassgis.gap.constants import (
     REPLICATES,
     SHORTEST_FLIGHT,
 )
-from sassgis.gap.forward.hypothesis_model import HypothesisModel, MeasurementError
 from sassgis.gap.forward.observation_operator import with_release
+from sassgis.gap.forward.released_rocks import HypothesisModel, MeasurementError
 from sassgis.gap.forward.rock_lines import rock_lines_of
-from sassgis.gap.observations.campaign import ImpactRows, errors_of, observed_campaign
-from sassgis.gap.observations.case import Case
+from sassgis.gap.observations.case import Case, ImpactRows, errors_of, observed_campaign
 from sassgis.gap.residuals.flights import air_of_flights, path_residuals, struck_above_ground
 from sassgis.gap.residuals.impact_residuals import (
     impact_residuals,

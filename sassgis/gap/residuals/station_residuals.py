@@ -25,8 +25,7 @@ from sassgis.gap.constants import (
 )
 from sassgis.gap.forward.released_rocks import Releases, fixed_blocks, move
 from sassgis.gap.forward.rock_lines import dips_at
-from sassgis.gap.observations.campaign import errors_of
-from sassgis.gap.observations.case import Case
+from sassgis.gap.observations.case import Case, errors_of
 from sassgis.gap.residuals.rock_residuals import Residual, mean_of_draws, t_statistics
 from sassgis.gap.residuals.stop_residuals import (
     AtStations,
@@ -37,7 +36,7 @@ from sassgis.gap.residuals.stop_residuals import (
     residuals_at_station,
 )
 from sassgis.grid import FloatArray, IntArray
-from sassgis.settings.profiles import ProfileSet
+from sassgis.settings.results import ProfileSet
 
 
 def reach_residuals(

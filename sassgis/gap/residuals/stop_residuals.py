@@ -12,16 +12,19 @@ from scipy.cluster.hierarchy import fcluster, linkage
 from sassgis.engine.effects.lateral_deflection import LateralDeflection
 from sassgis.engine.simulate import moving_axes
 from sassgis.gap.constants import FLYING_M, LOGGED_EVENTS, ONE_RELEASE_M, SPEED_PARTS
-from sassgis.gap.forward.hypothesis_model import HypothesisModel
 from sassgis.gap.forward.observation_operator import observe
-from sassgis.gap.forward.released_rocks import Moved, all_rocks, move
+from sassgis.gap.forward.released_rocks import HypothesisModel, Moved, all_rocks, move
 from sassgis.gap.forward.rock_lines import RockLines, dips_at, rock_lines_of
-from sassgis.gap.observations.campaign import ImpactRows, errors_of, main_blocks, observed_campaign
-from sassgis.gap.observations.case import Case
+from sassgis.gap.observations.case import (
+    Case,
+    ImpactRows,
+    errors_of,
+    main_blocks,
+    observed_campaign,
+)
 from sassgis.gap.residuals.rock_residuals import Residual, beyond, mean_of_draws, only_above, spread
 from sassgis.grid import BoolArray, FloatArray, IntArray
-from sassgis.settings.profiles import ProfileSet
-from sassgis.settings.results import StopReason
+from sassgis.settings.results import ProfileSet, StopReason
 
 
 @dataclass(frozen=True, slots=True)

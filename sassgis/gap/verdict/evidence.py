@@ -27,9 +27,8 @@ from sassgis.gap.fit.hypothesis_fit import (
 )
 from sassgis.gap.fit.linear_fit import SiteSummary
 from sassgis.gap.fit.site_data import model_rows
-from sassgis.gap.forward.hypothesis_model import HypothesisModel, configured_model
+from sassgis.gap.forward.released_rocks import HypothesisModel, configured_model
 from sassgis.gap.residuals.residual_table import residuals_with
-from sassgis.gap.verdict.findings import where
 from sassgis.gap.verdict.model_comparison import (
     CONFIGURED,
     GROUND,
@@ -53,6 +52,7 @@ from sassgis.gap.verdict.verdict import (
     second_of,
     seen_of,
     speaking,
+    where,
 )
 from sassgis.gap.words import effect_key
 from sassgis.grid import FloatArray

@@ -11,8 +11,13 @@ import numpy as np
 import shapely
 
 from sassgis.grid import FloatArray, Grid, IntArray
-from sassgis.hazard.zoning.cell_outlines import PRECISION_M
-from sassgis.hazard.zoning.coverage import Coverage, dissolved, faces_of, without_threads
+from sassgis.hazard.zoning.coverage import (
+    PRECISION_M,
+    Coverage,
+    dissolved,
+    faces_of,
+    without_threads,
+)
 from sassgis.settings.hazard_rules import NO_LEVEL, Edit
 
 #: From this share of its area on, another computed level below an edit is reported; and only where

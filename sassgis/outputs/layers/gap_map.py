@@ -12,12 +12,12 @@ import shapely
 
 from sassgis.files.vector_layer import VectorLayer, described_layer
 from sassgis.gap.diagnosis import Diagnosis, GapFinding
-from sassgis.gap.forward.hypothesis_model import HypothesisModel
+from sassgis.gap.forward.released_rocks import HypothesisModel
 from sassgis.gap.observations.case import Case
-from sassgis.gap.verdict.findings import is_stretch, limits_on, line_stretch, used_lines
+from sassgis.gap.verdict.verdict import is_stretch, limits_on, line_stretch, used_lines
 from sassgis.gap.words import finding_label, quantity_name, significance, tested_by
 from sassgis.settings import styles
-from sassgis.settings.labels import rounded
+from sassgis.settings.results import rounded
 
 #: How the map shows a gap: code, words, colour.
 _GAP_CLASSES: dict[str | int, tuple[str, str]] = {

@@ -14,8 +14,8 @@ from sassgis.files.vector_layer import VectorLayer, described_layer
 from sassgis.hazard import risk
 from sassgis.hazard.object_values import ObjectEstimate, ObjectValues
 from sassgis.settings.exposure import PlacedObjects
-from sassgis.settings.labels import rounded
 from sassgis.settings.languages import phrase
+from sassgis.settings.results import rounded
 from sassgis.settings.styles import FieldInfo, StyleClass, Symbol, VectorStyle, class_colours
 
 #: No colours of hazard levels, under which objects would not be seen.

@@ -17,15 +17,20 @@ from sassgis.files.vector_layer import VectorLayer, described_layer
 from sassgis.grid import FloatArray, Grid
 from sassgis.inputs.dem import affine_of
 from sassgis.settings import styles
-from sassgis.settings.labels import LINE_END_TEXT, STOP_TEXT
 from sassgis.settings.languages import phrase
 from sassgis.settings.map_run import MapRun, ReleaseArea
-from sassgis.settings.profiles import LineEnd
-from sassgis.settings.results import Outcome, RasterLayer, StopReason
+from sassgis.settings.results import (
+    LINE_END_TEXT,
+    STOP_TEXT,
+    LineEnd,
+    Outcome,
+    RasterLayer,
+    StopReason,
+)
 from sassgis.simulation.accumulators import Progress, joined_lines, kept_stops
-from sassgis.simulation.along_profile import BlockPath
 from sassgis.simulation.control_lines import control_line_rows
-from sassgis.terrain.plan import Plan
+from sassgis.simulation.path_sample import BlockPath
+from sassgis.terrain.prepare import Plan
 
 # rasterio silences this for its arrays while it reads them; another thread may undo that meanwhile.
 warnings.filterwarnings("ignore", category=NotGeoreferencedWarning, module="rasterio.features")

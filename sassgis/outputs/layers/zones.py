@@ -12,18 +12,16 @@ import pandas as pd
 
 from sassgis.files.vector_layer import VectorLayer, described_layer
 from sassgis.grid import Grid, IntArray
-from sassgis.hazard.assess import Hazard, raster
-from sassgis.hazard.attribution import shares_by
-from sassgis.hazard.zone_styles import (
+from sassgis.hazard.assess import Hazard, raster, shares_by
+from sassgis.hazard.levels import (
     hazard_level_style,
     level_change_style,
     open_limit_style,
     uncertain_style,
 )
 from sassgis.hazard.zoning.applied_edits import AppliedEdit, shares_text
-from sassgis.hazard.zoning.cell_outlines import cell_polygons
-from sassgis.hazard.zoning.coverage import Coverage
-from sassgis.inputs.edit_polygons import edit_fields
+from sassgis.hazard.zoning.coverage import Coverage, cell_polygons
+from sassgis.inputs.vectors import edit_fields
 from sassgis.settings.hazard_rules import NO_LEVEL, HazardPreset
 from sassgis.settings.languages import translated
 from sassgis.settings.styles import EDIT_STYLE, REACHED_STYLE, VectorStyle

@@ -12,9 +12,8 @@ from matplotlib.ticker import MaxNLocator
 
 from sassgis.grid import FloatArray, IntArray
 from sassgis.report.figures import style
-from sassgis.settings.labels import thousands
 from sassgis.settings.languages import phrase
-from sassgis.settings.results import ControlLine, Histogram, StopReason
+from sassgis.settings.results import ControlLine, Histogram, StopReason, thousands
 
 #: Name and unit of what can be drawn, and title of the figure.
 QUANTITIES = {

@@ -25,9 +25,8 @@ from numpy.typing import NDArray
 
 from sassgis.grid import FloatArray, Grid
 from sassgis.report.figures import map_marks, relief, style
-from sassgis.settings.labels import thousands
 from sassgis.settings.languages import joined, phrase
-from sassgis.settings.results import Band, RasterClass, RasterLayer
+from sassgis.settings.results import Band, RasterClass, RasterLayer, thousands
 from sassgis.settings.styles import class_colours, class_labels, class_limits, zero_is_nothing
 
 #: The tallest maps of a figure together (in).

@@ -16,9 +16,8 @@ from matplotlib.path import Path
 from sassgis.grid import FloatArray
 from sassgis.report.figures.relief import Extent
 from sassgis.report.figures.style import BLUE, INK, SMALL, beside, halo, text_width_pt
-from sassgis.settings.labels import thousands
 from sassgis.settings.languages import named, phrase, translated
-from sassgis.settings.results import RasterClass
+from sassgis.settings.results import RasterClass, thousands
 from sassgis.settings.styles import BARRIER_STYLE, EDIT_STYLE
 
 #: Name, kind ("station", "wall" or "net") and line on the map, shape (n, 2), of a control line.
@@ -182,7 +181,16 @@ def draw_objects(ax: Axes, objects: Sequence[MapObject], box: Extent) -> None:
             if isinstance(part, shapely.Polygon):
                 ax.fill(xy[:, 0], xy[:, 1], fc=_OBJECT, ec="white", lw=0.5, zorder=6)
             elif isinstance(part, shapely.Point):
-                draw_points(ax, xy, "D", 3.5, _OBJECT, "white", 0.4, zorder=6)
+                draw_points(
+                    ax=ax,
+                    xy=xy,
+                    mark="D",
+                    size=3.5,
+                    fill=_OBJECT,
+                    edge="white",
+                    width=0.4,
+                    zorder=6,
+                )
             else:
                 ax.plot(*xy.T, color=_OBJECT, lw=2.4, zorder=5.5)
                 ax.plot(*xy.T, color="white", lw=1.2, zorder=5.6)

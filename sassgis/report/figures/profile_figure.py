@@ -18,9 +18,8 @@ from matplotlib.transforms import Bbox
 from sassgis.grid import FloatArray, IntArray
 from sassgis.report.figures import style
 from sassgis.report.figures.map_marks import draw_points, even_choice
-from sassgis.settings.labels import thousands
 from sassgis.settings.languages import joined, phrase
-from sassgis.settings.results import ControlLine
+from sassgis.settings.results import ControlLine, thousands
 
 #: A control line with its chainage (m) and the height of the ground there (m).
 ProfileControlLine = tuple[ControlLine, float, float]
@@ -183,7 +182,17 @@ def _draw_panel(ax: Axes, panel: ProfilePanel, frame: Bbox, pt: float) -> None:
     stops = panel.known_stops()
     if stops.size:
         dots = np.column_stack([stops, np.interp(stops, panel.s, panel.z)])
-        draw_points(ax, dots, "o", 3.4, style.YELLOW, style.INK, 0.4, zorder=7, gid="stops")
+        draw_points(
+            ax=ax,
+            xy=dots,
+            mark="o",
+            size=3.4,
+            fill=style.YELLOW,
+            edge=style.INK,
+            width=0.4,
+            zorder=7,
+            gid="stops",
+        )
     _draw_control_lines(ax, panel, frame.y1, pt)
     ax.set(xlim=frame.intervalx, ylim=frame.intervaly, aspect="equal")
     ax.set_ylabel("height (m)")

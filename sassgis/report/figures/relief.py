@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 
 from sassgis.grid import FloatArray, Grid
 from sassgis.report.figures.style import INK, SMALL, round_step
-from sassgis.settings.labels import thousands
 from sassgis.settings.languages import phrase
+from sassgis.settings.results import thousands
 
 #: West, south, east, north (m).
 Extent = tuple[float, float, float, float]

@@ -28,8 +28,8 @@ from scipy.optimize import isotonic_regression
 
 from sassgis.errors import OutputError
 from sassgis.grid import FloatArray
-from sassgis.settings.labels import power_of_ten, thousands
 from sassgis.settings.languages import current_language, named, translated
+from sassgis.settings.results import power_of_ten, thousands
 
 #: Width of a figure: the text width of an A4 page (in).
 WIDTH_IN = 6.7

@@ -11,7 +11,7 @@ from scipy.integrate import solve_ivp
 
 from sassgis.engine.effects import air_drag
 from sassgis.engine.effects.air_drag import AirDrag
-from sassgis.settings.effects import EffectSettings
+from sassgis.settings.blocks import EffectSettings
 from sassgis.settings.settings import EngineSettings
 
 pytestmark = pytest.mark.kernels

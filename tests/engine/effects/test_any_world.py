@@ -17,8 +17,7 @@ from sassgis.engine.effects.roughness import Roughness
 from sassgis.engine.effects.soft_ground import SoftGround
 from sassgis.engine.effects.trees import Trees
 from sassgis.engine.ellipse import inertia
-from sassgis.settings.blocks import BlockPopulation
-from sassgis.settings.effects import EffectSettings
+from sassgis.settings.blocks import BlockPopulation, EffectSettings
 from sassgis.settings.settings import EngineSettings
 
 # Not shrunk: a course of thousands of events takes its time.

@@ -19,7 +19,7 @@ from sassgis.engine.effects.roughness import Roughness
 from sassgis.engine.effects.soft_ground import SoftGround
 from sassgis.engine.ellipse import contact_frame
 from sassgis.errors import ConfigError
-from sassgis.settings.effects import EffectSettings
+from sassgis.settings.blocks import EffectSettings
 from sassgis.settings.ground import GroundTable
 from sassgis.settings.settings import EngineSettings
 

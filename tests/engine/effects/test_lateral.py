@@ -14,7 +14,7 @@ from scipy import stats
 from sassgis.engine.effects import lateral_deflection
 from sassgis.engine.effects.hooks import BLOCK_DTYPE
 from sassgis.engine.effects.lateral_deflection import LateralDeflection
-from sassgis.settings.effects import EffectSettings
+from sassgis.settings.blocks import EffectSettings
 from sassgis.settings.settings import EngineSettings
 
 

@@ -16,9 +16,8 @@ from sassgis.engine.effects.roughness import Roughness
 from sassgis.engine.effects.soft_ground import SoftGround
 from sassgis.engine.effects.trees import Trees
 from sassgis.engine.effects.wind import Wind
-from sassgis.settings.effects import EffectSettings
-from sassgis.settings.profiles import ControlLineCrossings
-from sassgis.settings.results import ControlLine
+from sassgis.settings.blocks import EffectSettings
+from sassgis.settings.results import ControlLine, ControlLineCrossings
 
 FLAT = profile_set(rough_slope(3))
 CONTROL_LINES = ControlLineCrossings.same_for_all(

@@ -13,10 +13,10 @@ from sassgis.engine.effects.fragmentation import Fragmentation
 from sassgis.engine.effects.lateral_deflection import LateralDeflection
 from sassgis.inputs.config import load_config
 from sassgis.runs.inputs import read_map_run
-from sassgis.settings.effects import EffectSettings
+from sassgis.settings.blocks import EffectSettings
 from sassgis.simulation.accumulators import joined_rows
 from sassgis.simulation.loop import simulate_map
-from sassgis.terrain.plan import plan
+from sassgis.terrain.prepare import plan
 
 
 @pytest.fixture(scope="module")

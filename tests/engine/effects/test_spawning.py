@@ -14,14 +14,12 @@ from sassgis.engine.effects import fragmentation
 from sassgis.engine.effects.entrainment import Entrainment
 from sassgis.engine.effects.fragmentation import Fragmentation
 from sassgis.engine.effects.hooks import BLOCK_DTYPE, prepare
-from sassgis.engine.ellipse import inertia
-from sassgis.engine.rows import empty_table
+from sassgis.engine.ellipse import empty_table, inertia
 from sassgis.engine.state import SPAWNED_DTYPE
 from sassgis.errors import InputError
-from sassgis.settings.effects import EffectSettings
+from sassgis.settings.blocks import EffectSettings
 from sassgis.settings.ground import GroundTable
-from sassgis.settings.profiles import ControlLineCrossings
-from sassgis.settings.results import ControlLine
+from sassgis.settings.results import ControlLine, ControlLineCrossings
 
 FLAT = lab.slope((100.0, 0.0))
 ROUGH = lab.rough_slope(6)

@@ -14,9 +14,8 @@ from sassgis.engine.effects import trees
 from sassgis.engine.effects.forms import OFF
 from sassgis.engine.effects.trees import Trees, energy_ratios
 from sassgis.errors import ConfigError
-from sassgis.settings.effects import EffectSettings
-from sassgis.settings.profiles import ControlLineCrossings
-from sassgis.settings.results import ControlLine
+from sassgis.settings.blocks import EffectSettings
+from sassgis.settings.results import ControlLine, ControlLineCrossings
 
 ANGLE = 30.0
 RADIUS = 0.4

@@ -14,7 +14,7 @@ from sassgis.engine.effects.air_drag import AirDrag
 from sassgis.engine.effects.trees import Trees
 from sassgis.engine.effects.wind import WIND_STEP_S, Wind
 from sassgis.engine.ellipse import inertia
-from sassgis.settings.effects import EffectSettings
+from sassgis.settings.blocks import EffectSettings
 from sassgis.settings.settings import EngineSettings
 
 pytestmark = pytest.mark.kernels

@@ -15,7 +15,7 @@ from sassgis.gap.advice.measure_next import (
     recorded_rocks,
     separations,
 )
-from sassgis.gap.forward.hypothesis_model import HypothesisModel, MeasurementError
+from sassgis.gap.forward.released_rocks import HypothesisModel, MeasurementError
 from sassgis.gap.forward.rock_lines import RockLines, rock_lines_of
 from sassgis.gap.observations.case import Case
 from sassgis.settings.ground import GroundTable

@@ -17,7 +17,7 @@ from sassgis.gap.advice.recommendation import (
 )
 from sassgis.gap.diagnosis import Advice, GroundSetting, ModelGap, Rung
 from sassgis.gap.fit.site_data import SiteData, model_rows
-from sassgis.gap.forward.hypothesis_model import configured_model
+from sassgis.gap.forward.released_rocks import configured_model
 
 
 @pytest.fixture(autouse=True)

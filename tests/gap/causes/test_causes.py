@@ -17,13 +17,13 @@ from sassgis.gap.causes.cause import Cause, Fit, ParameterDraws, Range, Scores, 
 from sassgis.gap.causes.extra_blocks import FRAGMENTATION
 from sassgis.gap.fit import hypothesis_fit
 from sassgis.gap.fit.site_data import SiteData
-from sassgis.gap.forward.hypothesis_model import configured_model
+from sassgis.gap.forward.released_rocks import configured_model
 from sassgis.gap.observations.case import Case
 from sassgis.gap.observations.tables import TABLES
 from sassgis.gap.residuals.residual_table import residuals_of
 from sassgis.gap.verdict.verdict import fingerprints, place_of
 from sassgis.gap.words import effect_name, effect_phrase
-from sassgis.inputs.gap_thresholds import cause_weights_of, read_thresholds
+from sassgis.inputs.observation_values import cause_weights_of, read_thresholds
 
 FIT = Fit({"acceleration_mps2": Range(0.1, 2.0, "log")})
 

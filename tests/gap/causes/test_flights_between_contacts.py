@@ -9,7 +9,7 @@ import pytest
 from numpy.typing import NDArray
 
 from sassgis.gap.fit.site_data import SiteData
-from sassgis.gap.forward.hypothesis_model import configured_model
+from sassgis.gap.forward.released_rocks import configured_model
 from sassgis.gap.residuals.residual_table import (
     MODEL_FLIGHT,
     ResidualTable,

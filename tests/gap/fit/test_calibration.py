@@ -31,13 +31,12 @@ from sassgis.gap.fit.site_data import (
     simulated_outcomes,
     site_data_of,
 )
-from sassgis.gap.forward.hypothesis_model import MeasurementError, configured_model
 from sassgis.gap.forward.observation_operator import campaigns
-from sassgis.gap.observations.campaign import observed_campaign
-from sassgis.gap.observations.case import classes_met
+from sassgis.gap.forward.released_rocks import MeasurementError, configured_model
+from sassgis.gap.observations.case import classes_met, observed_campaign
 from sassgis.grid import FloatArray
 from sassgis.inputs.ground_map import read_ranges
-from sassgis.settings.effects import EffectSettings
+from sassgis.settings.blocks import EffectSettings
 from sassgis.settings.ground import GroundTable
 
 #: What the rocks of the tests were released with; configured is the table of the helper.

@@ -10,9 +10,8 @@ from scipy import stats
 
 from sassgis.gap.fit.distances import Interval
 from sassgis.gap.fit.fit_errors import findings_of, paired_gain
-from sassgis.gap.fit.identifiability import Fitted
-from sassgis.gap.fit.parameters import RANGES, ClassParameter
-from sassgis.report.figures.calibration_figures import quantity_curves_figure
+from sassgis.gap.fit.parameters import RANGES, ClassParameter, Fitted
+from sassgis.report.figures.gap_figures import quantity_curves_figure
 
 
 def fitted(name: str, parameter: str, before: float, after: float, limit: str = "") -> Fitted:

@@ -11,7 +11,10 @@ from collections.abc import Sequence
 import numpy as np
 import pytest
 
-from sassgis.gap.fit.identifiability import (
+from sassgis.gap.fit.linear_fit import FitBudget, ObservedNumbers, Seen, Trial, fit_linearly, joined
+from sassgis.gap.fit.parameters import (
+    RANGES,
+    ClassParameter,
     Misfits,
     Told,
     contradicting,
@@ -23,8 +26,6 @@ from sassgis.gap.fit.identifiability import (
     told_by,
     trade_offs,
 )
-from sassgis.gap.fit.linear_fit import FitBudget, ObservedNumbers, Seen, Trial, fit_linearly, joined
-from sassgis.gap.fit.parameters import RANGES, ClassParameter
 from sassgis.grid import FloatArray
 
 BUDGET = FitBudget(3, 16, 2, 4, 6.0, 64)

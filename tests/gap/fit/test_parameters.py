@@ -16,7 +16,7 @@ from sassgis.gap.fit.parameters import (
     prior_shares,
     table_with,
 )
-from sassgis.settings.ground_ranges import EVERY_CLASS, RangeRule
+from sassgis.settings.ground import EVERY_CLASS, RangeRule
 from sassgis.settings.settings import EngineSettings
 
 

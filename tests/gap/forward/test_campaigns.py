@@ -12,16 +12,16 @@ from sassgis.engine.effects.trees import Trees as Forest
 from sassgis.gap.causes.cause import ParameterDraws
 from sassgis.gap.fit.hypothesis_fit import draw
 from sassgis.gap.fit.site_data import SiteData
-from sassgis.gap.forward.hypothesis_model import (
+from sassgis.gap.forward.observation_operator import campaigns, rock_quantities, share_left
+from sassgis.gap.forward.released_rocks import (
     ForestStand,
     HypothesisModel,
     MeasurementError,
     ReleaseError,
 )
-from sassgis.gap.forward.observation_operator import campaigns, rock_quantities, share_left
 from sassgis.gap.forward.rock_lines import dips_at, heights_at_chainage
-from sassgis.gap.observations.campaign import LOOSE, PIECE, Campaign, main_blocks, observed_campaign
-from sassgis.settings.effects import EffectSettings
+from sassgis.gap.observations.case import LOOSE, PIECE, Campaign, main_blocks, observed_campaign
+from sassgis.settings.blocks import EffectSettings
 from sassgis.settings.ground import GroundTable
 
 

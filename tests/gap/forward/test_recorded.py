@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from sassgis.gap.fit.site_data import SiteData
 from sassgis.gap.forward.observation_operator import campaigns
 from sassgis.gap.forward.rock_lines import observer_of, recorded_contacts, rock_lines_of
-from sassgis.gap.observations.campaign import Campaign, Errors
+from sassgis.gap.observations.case import Campaign, Errors
 
 
 def seen_by(problem: SiteData, count: int = 3, **observer: float) -> list[Campaign]:

@@ -12,20 +12,18 @@ from helpers.made_diagnosis import write_observations, write_slope
 from helpers.simulated_slope import BASE, ERRORS, STATIONS, TABLE, observed, slope
 
 from sassgis.engine.simulate_paths import PathTerrain, follow
-from sassgis.gap.forward.hypothesis_model import ReleaseError
 from sassgis.gap.forward.observation_operator import campaigns, with_release
-from sassgis.gap.forward.released_rocks import all_rocks, move, with_stations_at
+from sassgis.gap.forward.released_rocks import ReleaseError, all_rocks, move, with_stations_at
 from sassgis.gap.forward.rock_lines import control_lines_of, rock_lines_of
-from sassgis.gap.observations.campaign import Campaign
-from sassgis.gap.observations.case import Case, station_traces
+from sassgis.gap.observations.case import Campaign, Case, station_traces
 from sassgis.grid import Grid
 from sassgis.inputs.config import load_config
-from sassgis.runs.gap_case import read_case
+from sassgis.runs.calibrate import read_case
 from sassgis.runs.inputs import read_map_run
-from sassgis.settings.profiles import ReleasePoints
+from sassgis.settings.results import ReleasePoints
 from sassgis.settings.settings import EngineSettings
 from sassgis.terrain.flatten import chainage_to_xy
-from sassgis.terrain.plan import placed_points
+from sassgis.terrain.prepare import placed_points
 
 COUNT = 60
 

@@ -31,10 +31,10 @@ from sassgis.gap.fit.linear_fit import summary_of
 from sassgis.gap.fit.site_data import site_data_of
 from sassgis.gap.forward.observation_operator import campaigns, contacts_in
 from sassgis.gap.forward.rock_lines import rock_lines_of
-from sassgis.gap.observations.campaign import Campaign, observed_campaign
-from sassgis.gap.observations.case import Case, station_traces
+from sassgis.gap.observations.case import Campaign, Case, observed_campaign, station_traces
 from sassgis.gap.observations.checks import check_observations
-from sassgis.gap.observations.hops import (
+from sassgis.gap.observations.observed import Observations
+from sassgis.gap.observations.projection import (
     ContactRows,
     contact_numbers,
     contacts_of,
@@ -42,10 +42,9 @@ from sassgis.gap.observations.hops import (
     passages_of,
     with_passages,
 )
-from sassgis.gap.observations.observed import Observations
 from sassgis.gap.observations.tables import Contacts, Rocks, Stations
 from sassgis.inputs.observation_files import read_observations
-from sassgis.terrain.heights import heights_at
+from sassgis.terrain.cells import heights_at
 
 #: A ball on a plane that falls to the south by 1 in 2: each hop takes 0.4 s, leads 2 m on in plan,
 #: and is followed by a contact of 0.1 s.

@@ -36,7 +36,7 @@ from sassgis.gap.observations.tables import (
 from sassgis.grid import Grid
 from sassgis.inputs.observation_files import read_observations, validate_observations
 from sassgis.outputs.geopackage import FIXED_TIME
-from sassgis.outputs.observation_template import observations_template
+from sassgis.outputs.site_template import observations_template
 from sassgis.settings.blocks import BlockPopulation
 
 

@@ -21,10 +21,10 @@ from sassgis.gap.observations.tables import Stations
 from sassgis.grid import Grid
 from sassgis.inputs.observation_files import read_observations
 from sassgis.settings.settings import TerrainSettings
+from sassgis.terrain.cells import heights_at
 from sassgis.terrain.fall_lines import fall_line_surface, trace
-from sassgis.terrain.heights import heights_at
+from sassgis.terrain.prepare import take_lines
 from sassgis.terrain.release import point_keys
-from sassgis.terrain.stretch import take_lines
 
 MIDDLE = WEST + 100.0
 

@@ -9,8 +9,7 @@ import numpy as np
 import pytest
 from helpers.simulated_slope import observed, with_metadata, with_observed
 
-from sassgis.gap.observations.campaign import errors_of
-from sassgis.gap.observations.case import Case
+from sassgis.gap.observations.case import Case, errors_of
 from sassgis.gap.residuals import flights
 from sassgis.gap.residuals.flights import air_of_flights, struck_above_ground
 

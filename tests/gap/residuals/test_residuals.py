@@ -19,7 +19,7 @@ from sassgis.gap.residuals.impact_residuals import impact_draws, orientation_at_
 from sassgis.gap.residuals.residual_table import reach_edges
 from sassgis.gap.residuals.rock_residuals import Residual, beyond, mean_of_draws, only_above, spread
 from sassgis.gap.residuals.stop_residuals import free_run, observed_at_stations
-from sassgis.settings.effects import EffectSettings
+from sassgis.settings.blocks import EffectSettings
 from sassgis.settings.ground import GroundClass, GroundTable
 from sassgis.settings.settings import EngineSettings
 

@@ -18,10 +18,9 @@ from sassgis.gap.causes.cause import ParameterDraws, reaches_between
 from sassgis.gap.diagnosis import CauseGain, Fingerprint, GapFinding
 from sassgis.gap.fit.hypothesis_fit import CONTACT_LAW, NONE, draw, families_to_try
 from sassgis.gap.fit.site_data import SiteData, scale_of
-from sassgis.gap.forward.hypothesis_model import model_as_json
 from sassgis.gap.forward.observation_operator import rock_quantities
-from sassgis.gap.observations.campaign import observed_campaign
-from sassgis.gap.observations.case import Case, LearnedContacts
+from sassgis.gap.forward.released_rocks import model_as_json
+from sassgis.gap.observations.case import Case, LearnedContacts, observed_campaign
 from sassgis.gap.verdict.verdict import (
     Thresholds,
     adequate,
@@ -33,8 +32,8 @@ from sassgis.gap.verdict.verdict import (
     seen_of,
     speaking,
 )
-from sassgis.inputs.gap_thresholds import cause_weights_of, read_thresholds
-from sassgis.settings.effects import EffectSettings
+from sassgis.inputs.observation_values import cause_weights_of, read_thresholds
+from sassgis.settings.blocks import EffectSettings
 
 
 @pytest.mark.parametrize("family", [None, *FAMILIES])

@@ -13,7 +13,7 @@ from sassgis.gap.causes.all_causes import CAUSES, STATISTICS
 from sassgis.gap.causes.extra_blocks import mass_budget
 from sassgis.gap.causes.trees_cause import losses_at_one_place
 from sassgis.gap.diagnosis import Fingerprint
-from sassgis.gap.forward.hypothesis_model import MeasurementError, ReleaseError
+from sassgis.gap.forward.released_rocks import MeasurementError, ReleaseError
 from sassgis.gap.observations.case import Case
 from sassgis.gap.observations.tables import Deposits
 from sassgis.gap.residuals.residual_table import (
@@ -22,10 +22,9 @@ from sassgis.gap.residuals.residual_table import (
     residuals_of,
     residuals_with,
 )
-from sassgis.gap.verdict.findings import where
-from sassgis.gap.verdict.verdict import fingerprints, significant, strongest
-from sassgis.settings.effects import EffectSettings
-from sassgis.terrain.heights import heights_at
+from sassgis.gap.verdict.verdict import fingerprints, significant, strongest, where
+from sassgis.settings.blocks import EffectSettings
+from sassgis.terrain.cells import heights_at
 
 EXTRA = ("fragmentation", "entrainment")
 

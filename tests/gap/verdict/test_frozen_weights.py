@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from helpers.scripts import load
 
-from sassgis.inputs.gap_thresholds import cause_weights_of, read_thresholds
+from sassgis.inputs.observation_values import cause_weights_of, read_thresholds
 
 
 @pytest.fixture(scope="module")

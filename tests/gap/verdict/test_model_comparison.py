@@ -13,7 +13,7 @@ from sassgis.gap.diagnosis import Rung
 from sassgis.gap.fit.distances import RockDistances
 from sassgis.gap.fit.hypothesis_fit import NONE
 from sassgis.gap.fit.site_data import SiteData, model_rows, site_data_of
-from sassgis.gap.forward.hypothesis_model import configured_model
+from sassgis.gap.forward.released_rocks import configured_model
 from sassgis.gap.verdict.model_comparison import (
     Ladder,
     ground_is_enough,

@@ -12,11 +12,10 @@ from sassgis.engine.effects.soft_ground import SoftGround
 from sassgis.engine.effects.trees import Trees
 from sassgis.gap.constants import FINDING_ROCKS
 from sassgis.gap.diagnosis import GapFinding
-from sassgis.gap.forward.hypothesis_model import HypothesisModel
+from sassgis.gap.forward.released_rocks import HypothesisModel
 from sassgis.gap.residuals.residual_table import residuals_of
-from sassgis.gap.verdict.findings import locate, where
-from sassgis.gap.verdict.verdict import adequate
-from sassgis.settings.effects import EffectSettings
+from sassgis.gap.verdict.verdict import adequate, locate, where
+from sassgis.settings.blocks import EffectSettings
 
 
 def found(

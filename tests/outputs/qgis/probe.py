@@ -14,7 +14,17 @@ import sys
 
 os.environ.setdefault("QT_QPA_PLATFORM", "offscreen")
 
-from qgis import core
+from qgis.core import (
+    Qgis,
+    QgsApplication,
+    QgsLayerTreeGroup,
+    QgsMapRendererParallelJob,
+    QgsMapSettings,
+    QgsProject,
+    QgsRasterLayer,
+    QgsReferencedRectangle,
+    QgsVectorLayer,
+)
 from qgis.PyQt.QtCore import QSize
 from qgis.PyQt.QtGui import QColor
 
@@ -30,7 +40,7 @@ def describe_renderer(layer):
     if renderer is None:
         return {"type": None}
     facts = {"type": renderer.type()}
-    if isinstance(layer, core.QgsRasterLayer):
+    if isinstance(layer, QgsRasterLayer):
         if facts["type"] == "singlebandpseudocolor":
             shader = renderer.shader().rasterShaderFunction()
             items = shader.colorRampItemList()
@@ -50,16 +60,18 @@ def describe_renderer(layer):
             ]
     elif facts["type"] == "categorizedSymbol":
         facts["column"] = renderer.classAttribute()
-        entries = renderer.categories()
-        facts["classes"] = [{"value": entry.value(), **described(entry)} for entry in entries]
+        facts["classes"] = [
+            {"value": entry.value(), **described(entry)} for entry in renderer.categories()
+        ]
     elif facts["type"] == "graduatedSymbol":
         facts["column"] = renderer.classAttribute()
         facts["classes"] = [described(entry) for entry in renderer.ranges()]
     elif facts["type"] == "singleSymbol":
         symbol = renderer.symbol()
         facts["colour"] = symbol.color().name()
-        parts = map(symbol.symbolLayer, range(symbol.symbolLayerCount()))
-        facts["symbol_layers"] = [part.layerType() for part in parts]
+        facts["symbol_layers"] = [
+            symbol.symbolLayer(i).layerType() for i in range(symbol.symbolLayerCount())
+        ]
     return facts
 
 
@@ -72,13 +84,17 @@ def describe(layer):
         "abstract": layer.abstract(),
         "renderer": describe_renderer(layer),
     }
-    if isinstance(layer, core.QgsVectorLayer):
+    if isinstance(layer, QgsVectorLayer):
         facts["kind"] = "vector"
         facts["features"] = layer.featureCount()
-        fields = enumerate(layer.fields())
-        facts["aliases"] = {field.name(): layer.attributeAlias(i) for i, field in fields}
-        labels = layer.labeling() if layer.labelsEnabled() else None
-        facts["labels"] = labels and labels.settings().fieldName
+        facts["aliases"] = {
+            field.name(): layer.attributeAlias(i) for i, field in enumerate(layer.fields())
+        }
+        facts["labels"] = (
+            layer.labeling().settings().fieldName
+            if layer.labelsEnabled() and layer.labeling()
+            else None
+        )
     else:
         facts["kind"] = "raster"
         facts["bands"] = [layer.bandName(i + 1) for i in range(layer.bandCount())]
@@ -88,9 +104,14 @@ def describe(layer):
 def describe_tree(node):
     out = []
     for child in node.children():
-        if isinstance(child, core.QgsLayerTreeGroup):
-            facts = {"group": child.name(), "exclusive": child.isMutuallyExclusive()}
-            out.append({**facts, "layers": describe_tree(child)})
+        if isinstance(child, QgsLayerTreeGroup):
+            out.append(
+                {
+                    "group": child.name(),
+                    "exclusive": child.isMutuallyExclusive(),
+                    "layers": describe_tree(child),
+                }
+            )
         else:
             out.append({"layer": child.name(), "visible": child.isVisible()})
     return out
@@ -98,24 +119,40 @@ def describe_tree(node):
 
 def render(project, only):
     canvas = project.viewSettings().defaultViewExtent()
-    settings = core.QgsMapSettings()
+    settings = QgsMapSettings()
     settings.setDestinationCrs(project.crs())
     settings.setBackgroundColor(QColor(255, 255, 255))
     order = project.layerTreeRoot().layerOrder()
-    nodes = project.layerTreeRoot().findLayers()
-    visible = {node.layerId() for node in nodes if node.isVisible()}
-    settings.setLayers(
-        [one for one in order if (one.name() in only if only else one.id() in visible)]
-    )
-    extent = core.QgsReferencedRectangle(canvas, canvas.crs())
+    if only:
+        shown = [layer for layer in order if layer.name() in only]
+    else:
+        visible = {
+            node.layerId() for node in project.layerTreeRoot().findLayers() if node.isVisible()
+        }
+        shown = [layer for layer in order if layer.id() in visible]
+    settings.setLayers(shown)
+    extent = QgsReferencedRectangle(canvas, canvas.crs())
     height = max(1, round(WIDTH * extent.height() / extent.width()))
     settings.setOutputSize(QSize(WIDTH, height))
     settings.setExtent(extent)
-    job = core.QgsMapRendererParallelJob(settings)
+    job = QgsMapRendererParallelJob(settings)
     job.start()
     job.waitForFinished()
     errors = [error.message for error in job.errors()]
     return job.renderedImage(), settings.mapToPixel(), errors
+
+
+def background_share(image):
+    step = 4
+    seen = blank = 0
+    colours = set()
+    for row in range(0, image.height(), step):
+        for column in range(0, image.width(), step):
+            seen += 1
+            name = image.pixelColor(column, row).name()
+            colours.add(name)
+            blank += name == "#ffffff"
+    return blank / seen, len(colours)
 
 
 def main():
@@ -127,15 +164,15 @@ def main():
     parser.add_argument("--only", action="append", default=[])
     given = parser.parse_args()
 
-    core.QgsApplication.setPrefixPath("/usr", True)
-    application = core.QgsApplication([], False)
+    QgsApplication.setPrefixPath("/usr", True)
+    application = QgsApplication([], False)
     application.initQgis()
-    project = core.QgsProject.instance()
+    project = QgsProject.instance()
     opened = project.read(given.project)
     layers = list(project.mapLayers().values())
     view = project.viewSettings().defaultViewExtent()
     report = {
-        "qgis": core.Qgis.QGIS_VERSION,
+        "qgis": Qgis.QGIS_VERSION,
         "opened": opened,
         "error": project.error(),
         "title": project.title(),
@@ -150,6 +187,7 @@ def main():
         image, to_pixel, errors = render(project, given.only)
         image.save(given.picture)
         report["render_errors"] = errors
+        report["blank_share"], report["colours"] = background_share(image)
         report["at"] = {}
         for place in given.at:
             x, y = map(float, place.split(","))
@@ -157,9 +195,10 @@ def main():
             report["at"][place] = image.pixelColor(int(pixel.x()), int(pixel.y())).name()
     alone = []
     for source in given.alone:
-        kinds = {True: (core.QgsVectorLayer, "ogr"), False: (core.QgsRasterLayer, "gdal")}
-        kind, provider = kinds[".gpkg" in source]
-        layer = kind(source, "", provider)
+        if ".gpkg" in source:
+            layer = QgsVectorLayer(source, "alone", "ogr")
+        else:
+            layer = QgsRasterLayer(source, "alone", "gdal")
         alone.append(describe(layer))
         del layer
     report["alone"] = alone

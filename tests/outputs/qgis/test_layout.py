@@ -19,7 +19,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import sassgis.outputs.qgis
-from sassgis.hazard.zone_styles import ZONE_OPACITY
+from sassgis.hazard.levels import ZONE_OPACITY
 from sassgis.outputs.qgis.entries import LayerEntry
 from sassgis.outputs.qgis.layout import (
     SCALE_NUMBERS,

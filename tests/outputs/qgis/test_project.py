@@ -16,9 +16,9 @@ from helpers import made_up_result as made_up
 from helpers.in_qgis import in_qgis
 from matplotlib.colors import to_rgb
 
-from sassgis.hazard.zone_styles import ZONE_OPACITY
+from sassgis.hazard.levels import ZONE_OPACITY
 from sassgis.outputs.qgis.entries import LayerEntry, LayerGroup
-from sassgis.outputs.qgis.project import write_project
+from sassgis.outputs.qgis.run_project import write_project
 from sassgis.settings.statistics_table import STATISTICS, Statistic
 from sassgis.settings.styles import RASTER_OPACITY, class_colours, class_labels
 

@@ -18,8 +18,12 @@ from helpers import made_zones as made
 
 from sassgis.errors import ConfigError, InputError, OutputError
 from sassgis.outputs.swiss.federal_model import FEDERAL_CLASSES, MODEL_NAME
-from sassgis.outputs.swiss.transfer import export_xtf, touching_at_corners
-from sassgis.outputs.swiss.validation import XTF_NAMESPACE, validate_xtf
+from sassgis.outputs.swiss.transfer import (
+    XTF_NAMESPACE,
+    export_xtf,
+    touching_at_corners,
+    validate_xtf,
+)
 
 NS = f"{{{XTF_NAMESPACE}}}"
 
@@ -172,9 +176,9 @@ def test_a_validator_that_is_missing_or_breaks_down(
         ("import sys; sys.exit(0)", "broke down: exit code 0"),
         ("import time; time.sleep(60)", "did not end within"),
     ):
-        monkeypatch.setattr("sassgis.outputs.swiss.validation._RUNNER", body)
+        monkeypatch.setattr("sassgis.outputs.swiss.transfer._RUNNER", body)
         waited = 1.0 if "sleep" in body else 60.0
-        monkeypatch.setattr("sassgis.outputs.swiss.validation._TIMEOUT_S", waited)
+        monkeypatch.setattr("sassgis.outputs.swiss.transfer._TIMEOUT_S", waited)
         with pytest.raises(OutputError, match=words):
             validate_xtf(xtf, tmp_path)
     monkeypatch.setattr(importlib.util, "find_spec", lambda name: None)

@@ -10,7 +10,7 @@ from matplotlib.colors import to_hex, to_rgb
 
 from sassgis.grid import Grid
 from sassgis.hazard.curves import rate_interval
-from sassgis.hazard.zone_styles import LEVEL_CHANGES
+from sassgis.hazard.levels import LEVEL_CHANGES
 from sassgis.inputs.presets import read_preset
 from sassgis.report import figures
 from sassgis.report.figures.hazard_figures import MAX_SOURCES, amount, leading_sources
