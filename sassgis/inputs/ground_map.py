@@ -26,6 +26,7 @@ from sassgis.inputs.vector_features import (
     refuse_twice,
     refuse_unknown,
 )
+from sassgis.settings.blocks import ForestPlace
 from sassgis.settings.ground import (
     EVERY_CLASS,
     PARAMETERS,
@@ -36,7 +37,7 @@ from sassgis.settings.ground import (
     RangeRule,
 )
 from sassgis.settings.schema import AnyInput, InMemory, Input, named
-from sassgis.settings.settings import ForestPlace, GroundSettings
+from sassgis.settings.settings import GroundSettings
 
 _NO_CODE = np.iinfo(np.int32).min
 _DATA = resources.files("sassgis") / "data"

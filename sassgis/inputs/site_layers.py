@@ -24,9 +24,10 @@ from sassgis.inputs.presets import read_preset
 from sassgis.inputs.tiles import open_terrain
 from sassgis.inputs.vector_features import open_layer, with_shapes, without_shapes
 from sassgis.inputs.vectors import edit_fields
+from sassgis.settings.blocks import ForestPlace
 from sassgis.settings.exposure import NUMBERS_OF_KIND, OBJECT_KINDS, ObjectSettings
 from sassgis.settings.schema import Declared, declared, interval
-from sassgis.settings.settings import BarrierSettings, ForestPlace
+from sassgis.settings.settings import BarrierSettings
 from sassgis.settings.styles import (
     BARRIER_STYLE,
     EDIT_STYLE,

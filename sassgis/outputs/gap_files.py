@@ -25,10 +25,10 @@ from sassgis.outputs.geopackage import write_geopackage
 from sassgis.outputs.layers import gap_map
 from sassgis.outputs.manifest import plain
 from sassgis.outputs.site_template import written_document
+from sassgis.settings.blocks import ForestPlace
 from sassgis.settings.ground import PARAMETERS, GroundClass, GroundTable
 from sassgis.settings.map_run import Config
 from sassgis.settings.schema import declared
-from sassgis.settings.settings import ForestPlace
 
 #: Files of the calibrated model, next to its configuration.
 CLASSES_NAME = "ground_classes.csv"

@@ -1,16 +1,23 @@
-"""Block populations and the base of the settings of effects."""
+"""Block populations, the base of the settings of effects, and where a forest stands."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import ClassVar, TypeVar
+from typing import Annotated, ClassVar, TypeVar
 
 import numpy as np
+from annotated_types import Interval
 from numpy.typing import NDArray
 
-from sassgis.errors import InputError
-from sassgis.settings.schema import Section
+from sassgis.errors import ConfigError, InputError
+from sassgis.settings.schema import (
+    Example,
+    InputFile,
+    Section,
+    Text,
+    checked,
+)
 
 #: A low and a high limit.
 Range = tuple[float, float]
@@ -176,3 +183,69 @@ class EffectSettings:
     def names(self) -> tuple[str, ...]:
         """Those that are on."""
         return tuple(own.name for own in self.on)
+
+
+@checked(frozen=True, slots=True)
+class ForestPlace(Section):
+    """Where the forest of ``[effects.trees]`` stands."""
+
+    file: Annotated[
+        InputFile | None,
+        "polygons of forest; without it, rasters and single trees, forest is everywhere",
+        Example("forest.gpkg"),
+    ] = None
+    layer: Annotated[Text | None, "layer, where the file has several", Example("forest")] = None
+    stems_field: Annotated[
+        Text | None, "attribute with the stems per hectare", Example("stems_per_ha")
+    ] = None
+    dbh_field: Annotated[
+        Text | None, "attribute with the diameter at breast height (cm)", Example("dbh_cm")
+    ] = None
+    stems_raster: Annotated[
+        InputFile | None, "raster of stems per hectare, in place of polygons", Example("stems.tif")
+    ] = None
+    dbh_raster: Annotated[
+        InputFile | None, "raster of diameters at breast height (cm)", Example("dbh.tif")
+    ] = None
+    single_trees: Annotated[
+        InputFile | None,
+        "trees one by one, in place of polygons: a CSV table with columns x, y, dbh_cm and, if "
+        "wanted, conifer_share (0 to 1), or points with these attributes; stems are counted within "
+        "5 m",
+        Example("trees.csv"),
+    ] = None
+    stems_per_ha: Annotated[
+        float | None,
+        Interval(ge=0, le=20_000),
+        "stems per hectare where no attribute or raster states them",
+        Example(300.0),
+    ] = None
+    dbh_cm: Annotated[
+        float | None,
+        Interval(ge=0, le=300),
+        "diameter at breast height where no attribute or raster states it (cm)",
+        Example(30.0),
+    ] = None
+
+    def _fits_together(self) -> None:
+        rasters = self.stems_raster is not None or self.dbh_raster is not None
+        if rasters + (self.file is not None) + (self.single_trees is not None) > 1:
+            raise ConfigError(
+                "forest is given twice",
+                field="stems_raster" if self.single_trees is None else "single_trees",
+                expected="polygons, rasters or single trees",
+            )
+        if self.single_trees is not None:
+            return
+        for what, attribute, raster in (
+            ("stems_per_ha", self.stems_field, self.stems_raster),
+            ("dbh_cm", self.dbh_field, self.dbh_raster),
+        ):
+            if getattr(self, what) is None and attribute is None and raster is None:
+                raise ConfigError(
+                    "missing key", field=what, expected="a number, an attribute or a raster"
+                )
+            if attribute is not None and self.file is None:
+                raise ConfigError(
+                    "has no file to go with", field=what, expected="effects.trees.file as well"
+                )

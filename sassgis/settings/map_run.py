@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from sassgis.errors import ConfigError
 from sassgis.grid import FloatArray, Grid, IntArray
-from sassgis.settings.blocks import BlockPopulation, EffectSettings
+from sassgis.settings.blocks import BlockPopulation, EffectSettings, ForestPlace
 from sassgis.settings.exposure import ObjectSettings, RiskSettings
 from sassgis.settings.ground import GroundTable
 from sassgis.settings.hazard_rules import EditSettings, HazardSettings, Onset, ZoningSettings
@@ -23,7 +23,6 @@ from sassgis.settings.schema import Input, declared
 from sassgis.settings.settings import (
     BarrierSettings,
     EngineSettings,
-    ForestPlace,
     GroundSettings,
     OutputSettings,
     ProfileSettings,

@@ -22,8 +22,7 @@ from helpers.cut_valley import Stopped, Valley, write_vrt
 from helpers.listed_results import digests
 
 from sassgis.batches import batch as runs_batch
-from sassgis.batches import batch_mosaic
-from sassgis.batches import batch_window as batch_state
+from sassgis.batches import batch_mosaic, batch_window
 from sassgis.batches.batch import batch
 from sassgis.batches.batch_mosaic import (
     BASE,
@@ -306,7 +305,7 @@ def test_stops_of_areas_are_kept_at_one_share(monkeypatch: pytest.MonkeyPatch) -
         )  # fmt: skip
         return state_of(own) | {"thresholds_kj": np.zeros(1)}
 
-    monkeypatch.setattr(batch_state, "read_state", state)
+    monkeypatch.setattr(batch_window, "read_state", state)
     areas = [replace(area(Part(0, 0, 2, 2), 0), name=n, folder=Path(n)) for n in shares]
     run: Any = SimpleNamespace(control_lines=(), stop_points_max=10**5, seed=3)
     planned: Any = SimpleNamespace(points=SimpleNamespace(area=np.array([0, 1])))

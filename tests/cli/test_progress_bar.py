@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from sassgis.cli import options as progress_bar
+from sassgis.cli import options
 from sassgis.cli.options import ProgressBar
 
 
@@ -12,7 +12,7 @@ from sassgis.cli.options import ProgressBar
 def seconds(monkeypatch: pytest.MonkeyPatch) -> list[float]:
     """What the clock shows; a line is told each second."""
     shown = [0.0]
-    monkeypatch.setattr(progress_bar.time, "monotonic", lambda: shown[0])
+    monkeypatch.setattr(options.time, "monotonic", lambda: shown[0])
     monkeypatch.setenv("SASSGIS_PROGRESS_S", "1")
     return shown
 

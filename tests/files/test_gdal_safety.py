@@ -28,7 +28,7 @@ from sassgis.grid import Grid
 from sassgis.inputs.dem import open_raster, read_dem
 from sassgis.inputs.ground_map import read_forest
 from sassgis.inputs.vector_features import open_layer
-from sassgis.settings.settings import ForestPlace
+from sassgis.settings.blocks import ForestPlace
 
 _WMS = """<GDAL_WMS><Service name="TMS"><ServerUrl>{}/${{z}}/${{x}}/${{y}}.png</ServerUrl></Service>
 <DataWindow><UpperLeftX>0</UpperLeftX><UpperLeftY>100</UpperLeftY><LowerRightX>100</LowerRightX>

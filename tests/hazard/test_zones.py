@@ -15,7 +15,7 @@ from scipy import ndimage
 
 from sassgis.errors import ConfigError, InputError
 from sassgis.grid import Grid
-from sassgis.hazard.zoning import drawing as seams
+from sassgis.hazard.zoning import drawing
 from sassgis.hazard.zoning.coverage import Coverage, cell_polygons
 from sassgis.hazard.zoning.drawing import drawn_zones, reach_cells
 from sassgis.settings.hazard_rules import Drawing, ZoningSettings
@@ -464,9 +464,9 @@ def test_a_large_place_is_drawn_in_parts_as_it_is_at_once(
     grid = grid_of(maps[0])
     rules = Drawing(1.0, 4.0, 1.0, 0.0, 0.0, 1.0)
     at_once = drawn_zones(maps, grid, rules)
-    with mock.patch.multiple(seams, _LENGTH=1, _BAND=4):
+    with mock.patch.multiple(drawing, _LENGTH=1, _BAND=4):
         # A large square in four parts.
-        cuts = seams.overlapping(4 * max(shape), reach_cells(rules, 2.0))
+        cuts = drawing.overlapping(4 * max(shape), reach_cells(rules, 2.0))
         assert len(cuts) > 1
         in_parts = drawn_zones(maps, grid, rules)
     for zones, whole, raw in zip(in_parts, at_once, maps, strict=True):

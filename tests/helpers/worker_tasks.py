@@ -13,7 +13,7 @@ from typing import IO, Any
 
 import pytest
 
-from sassgis.simulation import workers as worker_process
+from sassgis.simulation import workers
 
 #: Bytes of a result: more than a pipe holds.
 LARGE = 1 << 20
@@ -63,7 +63,7 @@ def work(common: str, task: Task) -> str:
             pipe.write(whole[len(whole) // 2 :])
             pipe.flush()
 
-        worker_process._send = half
+        workers._send = half
     return f"{common} {task.name} " * (LARGE // 8)
 
 
@@ -78,7 +78,7 @@ def kill_as_they_start(monkeypatch: pytest.MonkeyPatch, most: int) -> list[int]:
             process.kill()
         return process
 
-    monkeypatch.setattr(worker_process, "Popen", start)
+    monkeypatch.setattr(workers, "Popen", start)
     return killed
 
 

@@ -15,7 +15,7 @@ from sassgis.errors import ConfigError, InputError
 from sassgis.grid import Grid
 from sassgis.inputs.ground_map import TREES_WITHIN_M, read_forest
 from sassgis.inputs.in_memory import as_input
-from sassgis.settings.settings import ForestPlace
+from sassgis.settings.blocks import ForestPlace
 
 GRID = Grid(np.zeros((40, 50)), WEST, NORTH, 2.0)
 

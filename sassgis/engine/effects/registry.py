@@ -20,9 +20,8 @@ from sassgis.engine.effects.roughness import Roughness
 from sassgis.engine.effects.soft_ground import SoftGround
 from sassgis.engine.effects.trees import Trees
 from sassgis.engine.effects.wind import Wind
-from sassgis.settings.blocks import EffectSection
+from sassgis.settings.blocks import EffectSection, ForestPlace
 from sassgis.settings.schema import Declared, Section, declared
-from sassgis.settings.settings import ForestPlace
 
 Phase = Literal["release", "flight", "impact", "ground", "path"]
 
