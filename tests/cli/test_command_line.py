@@ -223,7 +223,9 @@ def test_limits_of_the_system_are_one_line_and_leave_nothing(
 ) -> None:
     before = sorted(slope.folder.iterdir())
     done = limited(slope, **limits)
-    assert done.returncode == code and words in done.stderr.splitlines()[-1]
+    # Python may say at its end, without memory, what it could not free.
+    lines = [line for line in done.stderr.splitlines() if not line.startswith("Exception ignored")]
+    assert done.returncode == code and words in lines[-1]
     assert "fault of sassgis" not in done.stderr and "Traceback" not in done.stderr
     assert sorted(slope.folder.iterdir()) == before
 
