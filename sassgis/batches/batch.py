@@ -371,8 +371,8 @@ def outcomes(
     rocks = 0
     with task_map((setting, place.folder), at_once) as each:
         for i, outcome in enumerate(each(one_at_work, candidates), start=1):
-            record, _, _, told = outcome
-            for text in told:
+            record, _, _, stated = outcome
+            for text in stated:
                 place.tell(text)
             rocks += 0 if record is None else record.rocks
             if place.on_progress is not None:
@@ -392,10 +392,10 @@ def _at_once(setting: Setting, jobs: Jobs, memory_bytes: int | None, n: int) -> 
 def one_at_work(common: tuple[Setting, Path], candidate: Candidate) -> AreaOutcome:
     """Zone one area in a separate process on one core."""
     setting, folder = common
-    told: list[str] = []
-    place = Workplace(folder, 1, None, told.append)
+    stated: list[str] = []
+    place = Workplace(folder, 1, None, stated.append)
     record, reason, seconds, _ = _outcome(setting, candidate, place)
-    return record, reason, seconds, tuple(text for text in told if text.startswith(UNFIT))
+    return record, reason, seconds, tuple(text for text in stated if text.startswith(UNFIT))
 
 
 def _outcome(setting: Setting, candidate: Candidate, place: Workplace) -> AreaOutcome:

@@ -201,8 +201,8 @@ def kept_areas(
         if own.is_dir() and any(own.iterdir())
     ]  # fmt: skip
     with task_map(setting, at_once) as each:
-        for (candidate, own), (record, told) in zip(there, each(_kept, there), strict=True):
-            for text in told:
+        for (candidate, own), (record, stated) in zip(there, each(_kept, there), strict=True):
+            for text in stated:
                 tell(text)
             if record is not None:
                 kept[candidate.stem] = record
@@ -219,10 +219,10 @@ def kept_areas(
 def _kept(setting: Setting, there: tuple[Candidate, Path]) -> tuple[Record | None, list[str]]:
     """Return the record of an area if it is complete and of the same inputs, and a note on it."""
     candidate, own = there
-    told: list[str] = []
-    record = read_record(own, told.append)
+    stated: list[str] = []
+    record = read_record(own, stated.append)
     if record is None:
-        return None, told
+        return None, stated
     same = False
     # An area that cannot be used any more is reported when it is its turn.
     with suppress(InputError), collected_notices():
@@ -232,7 +232,7 @@ def _kept(setting: Setting, there: tuple[Candidate, Path]) -> tuple[Record | Non
         frequencies = yearly_frequencies(setting.config, (area,), setting.names)
         same = record.fingerprint == _fingerprint(setting, part, grid, area, frequencies)
         same &= setting.sums_only or not record.sums_only
-    return (record if same else None), told
+    return (record if same else None), stated
 
 
 def run_area(setting: Setting, candidate: Candidate, place: Workplace) -> Record:

@@ -111,12 +111,12 @@ def run_commands(arguments: list[str] | None = None) -> None:
     except click.ClickException as error:
         _fail(error.format_message(), error.exit_code, debug)
     except Exception as error:
-        _fail(*_told(error), debug)
+        _fail(*_stated(error), debug)
     else:
         sys.exit(code if isinstance(code, int) else 0)
 
 
-def _told(error: Exception) -> tuple[str, int]:
+def _stated(error: Exception) -> tuple[str, int]:
     """What is said of an error that was not raised on purpose, and the exit code."""
     # Compiled code that Ctrl-C strikes turns it into a SystemError.
     if any(isinstance(link, KeyboardInterrupt) for link in chain(error)):
@@ -141,7 +141,7 @@ def _is_printing(error: Exception) -> bool:
 
 
 def _fail(text: str, code: int, debug: bool) -> None:
-    # Where the terminal is closed nobody can be told.
+    # A closed terminal shows no message.
     with suppress(OSError):
         if debug:
             traceback.print_exc()

@@ -211,8 +211,8 @@ def settings_as_options() -> Iterator[None]:
         yield
     except InputError as error:
         texts = {"field": error.field, "expected": error.expected}
-        told = {key: text and in_options(text) for key, text in texts.items()}
-        raise InputError(**error.parts(**told)) from None
+        stated = {key: text and in_options(text) for key, text in texts.items()}
+        raise InputError(**error.parts(**stated)) from None
 
 
 @contextmanager

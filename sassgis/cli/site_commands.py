@@ -230,8 +230,8 @@ def _from_rockyfor3d(file: Path, folder: Path, settings: tuple[str, ...], overwr
     """Write what a folder of Rockyfor3D becomes, and what has no counterpart."""
     from sassgis.outputs.site_template import write_rockyfor3d_site
 
-    files, told = write_rockyfor3d_site(file, folder, settings, overwrite)
-    notes(told)
+    files, noticed_files = write_rockyfor3d_site(file, folder, settings, overwrite)
+    notes(noticed_files)
     click.echo(f"Wrote {', '.join(map(str, files))}. Now: sassgis validate {file}")
 
 

@@ -32,7 +32,7 @@ class Meeting(NamedTuple):
 
 @lean
 def no_meeting() -> Meeting:
-    """Return the meeting that stands for no barrier."""
+    """Return the meeting that represents no barrier."""
     return Meeting(-1, np.inf, PASSED, 1.0)
 
 

@@ -34,7 +34,7 @@ class Contact(NamedTuple):
 
 @inlined
 def _no_contact(t: float) -> Contact:
-    """Return the contact that stands for none before a time (s)."""
+    """Return the contact that represents none before a time (s)."""
     return Contact(t, -1, 0.0, 0.0, 0.0, False)
 
 

@@ -81,7 +81,7 @@ def follow(
     point_keys : uint64, shape (n,)
         Identity of each point for the random draws.
     point_numbers : int64, shape (n,), optional
-        Number of each point in the run, which stands for the line; default 0, 1, 2, ...
+        Number of each point in the run, which represents the line; default 0, 1, 2, ...
     worth : Worth, optional
         Of what the blocks of a point leave open in the windows.
 

@@ -184,7 +184,7 @@ MISNAMED_CHANCE = 0.005  # that a block bears the name of a rock as its fragment
 #: Share of the rocks that a survey may miss, and whole rocks that show the scatter of masses.
 FEW_LOST_SHARE, KNOWN_ROCKS = 0.1, 10
 #: Share of the rocks that nobody found which must lie in fragments, for these to be theirs.
-MADE_UP_SHARE = 0.75
+COMPENSATED_SHARE = 0.75
 
 # --- causes: errors of measurement -----------------------------------------------------------
 
@@ -194,7 +194,7 @@ PATH_LAG_S, FAST_MPS = 0.5, 5.0
 #: errors of a coordinate.
 STATION_SIDE_S, FAR_ERRORS = 0.15, 8.0
 ROCK_FALL_M = 2.0  # least fall on the flights of a rock that shows a scale
-MADE_UP_PRODUCT = 0.1  # of neighbouring residuals: restarts from slightly wrong states make it
+COMPENSATED_PRODUCT = 0.1  # of neighbouring residuals: restarts from slightly wrong states make it
 SOON_BELOW_M = 30.0  # a stop so near below the last station may have an offset of the instruments
 LOG_SCALE = 0.35  # largest logarithm of a scale that is tried
 

@@ -257,13 +257,13 @@ def zone_facts(
     preset: HazardPreset,
     zones: Coverage,
     grid: Grid,
-    unsure: BoolArray,
+    not_certain: BoolArray,
     lowered: FloatArray,
     edit: IntArray,
 ) -> ZoneFacts:
     """Compute the attribution and confidence of zones of hazard level.
 
-    Of the cells of the curves, ``unsure`` are those whose level is, and ``lowered`` is the
+    Of the cells of the curves, ``not_certain`` are those whose level is, and ``lowered`` is the
     probability that another sample lowers it. What an edit has set no sample of blocks changes.
     """
     n = zones.polygons.size
@@ -278,7 +278,7 @@ def zone_facts(
         n,
     )
     cells = np.bincount(zone[inside], minlength=n)
-    unsure_cells = np.bincount(zone[inside], weights=unsure[inside], minlength=n)
+    open_cells = np.bincount(zone[inside], weights=not_certain[inside], minlength=n)
     # What a zone loses on one side of its limit it gains on the other, on average.
     moved = 2.0 * grid.cell_size**2 * np.bincount(zone[inside], lowered[inside], minlength=n)
     length = np.array([p.exterior.length for p in zones.polygons], np.float64)
@@ -288,7 +288,7 @@ def zone_facts(
     return ZoneFacts(
         area_m2=np.array([p.area for p in zones.polygons], np.float64),
         cells=cells,
-        uncertain=np.where((cells > 0) & (edit < 0), unsure_cells / np.maximum(cells, 1), np.nan),
+        uncertain=np.where((cells > 0) & (edit < 0), open_cells / np.maximum(cells, 1), np.nan),
         moves_m=np.where(edit < 0, moved / length, 0.0),
         open_limit=np.array(open_limit, np.object_),
         shares=shares,
@@ -346,14 +346,14 @@ def hazard_of(
     """
     preset = rules.preset
     chances = level_chances(curves, level, preset, np.isfinite(grid.values), rules.in_part)
-    unsure = chances.uncertain(confidence)
+    not_certain = chances.uncertain(confidence)
     levels, edit, applied = with_edits(zones, edits, [c.code for c in preset.levels])
     applied = tuple(
         replace(own, by_chance=share_of(own.edit.geometry, grid, chances.places, chances.changed))
         for own in applied
     )
     reached = np.searchsorted(chances.places, curves.places)
-    of_cells = unsure[reached], chances.lowered[reached]
+    of_cells = not_certain[reached], chances.lowered[reached]
     return Hazard(
         sampled=tuple(sampled),
         curves=curves,
@@ -362,7 +362,7 @@ def hazard_of(
         facts=zone_facts(sampled, curves, preset, levels, grid, *of_cells, edit),
         intensities=intensity_maps(curves, preset, grid, rules.zones),
         chances=chances,
-        uncertain=unsure,
+        uncertain=not_certain,
         edits=applied,
     )
 

@@ -133,7 +133,7 @@ def _joined_points(
     # Of independent samples the degrees of freedom are those of Welch (1947, Biometrika 34: 28-35)
     # and Satterthwaite (1946, Biometrics Bulletin 2: 110-114), and one point more is one of any of
     # them; the scenarios of an area share their points.
-    of_a_point, unsure = np.zeros_like(variance), np.zeros_like(variance)
+    of_a_point, uncertain = np.zeros_like(variance), np.zeros_like(variance)
     freedom = np.full(variance.shape, np.inf)
     for part in parts:
         rows = np.searchsorted(places, part.places)
@@ -142,9 +142,9 @@ def _joined_points(
         of_a_point[rows] = add(of_a_point[rows], more)
         own = np.broadcast_to(np.maximum(part.freedom, 1.0), part.variance.shape)
         freedom[rows] = np.minimum(freedom[rows], own)
-        unsure[rows] += part.variance**2 / own
+        uncertain[rows] += part.variance**2 / own
     if not together:
-        freedom = np.divide(variance**2, unsure, out=freedom, where=unsure > 0.0)
+        freedom = np.divide(variance**2, uncertain, out=freedom, where=uncertain > 0.0)
     return DrawnPoints(of_a_point, freedom)
 
 

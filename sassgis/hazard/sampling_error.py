@@ -341,7 +341,7 @@ def rocks_factor(
     few = at_energies(curves, preset.thresholds_kj)
     own = np.searchsorted(chances.places, few.places)
     lowest, highest = (k[own] for k in chances.interval(confidence))
-    unsure, level = lowest != highest, chances.level[own]
+    not_certain, level = lowest != highest, chances.level[own]
     limits = np.vstack(
         [np.zeros(few.rate.shape[1]), limits_of_levels(preset), np.full(few.rate.shape[1], np.inf)]
     )
@@ -354,8 +354,8 @@ def rocks_factor(
         out_of_reach = np.where(np.isinf(above), 0.0, spread / above**2).max(axis=1)
     needed = np.maximum(np.where(level > 0, kept, 0.0), out_of_reach)
     needed = np.where(needed > MAX_FACTOR, np.inf, np.maximum(needed, 1.0))
-    out = np.where(unsure, needed, 1.0)
-    out[unsure & np.isnan(few.variance).any(axis=1)] = np.nan
+    out = np.where(not_certain, needed, 1.0)
+    out[not_certain & np.isnan(few.variance).any(axis=1)] = np.nan
     return out
 
 
@@ -370,7 +370,7 @@ class SampledRates(NamedTuple):
 
     rate: FloatArray  # NaN: unknown
     variance: FloatArray  # by the sampling; NaN: unknown
-    of_a_block: ArrayLike  # rate or share that one block stands for, above 0
+    of_a_block: ArrayLike  # rate or share that one block represents, above 0
     # Degrees of freedom of the variance; infinite where the release points are given.
     freedom: float = math.inf
 
@@ -390,7 +390,7 @@ def chance_of_difference(one: SampledRates, two: SampledRates) -> FloatArray:
 
     Where both rest on many blocks the difference is normal, or has Student's t distribution where
     release points were drawn (Welch 1947, Biometrika 34: 28-35). Else a rate λ with variance v
-    stands for at most λ²/v blocks, and given their sum those of one sample are binomial (J.
+    represents at most λ²/v blocks, and given their sum those of one sample are binomial (J.
     Przyborowski and H. Wilenski, 1940, Biometrika 31: 313-323). 1 where a variance is unknown.
     """
     spread = one.variance + two.variance

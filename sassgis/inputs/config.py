@@ -355,16 +355,16 @@ def as_named(config: Config) -> dict[str, Any]:
     return named
 
 
-def _with_files(node: Any, told: Callable[[str], str]) -> Any:
+def _with_files(node: Any, rewritten: Callable[[str], str]) -> Any:
     """Return plain settings with other words in place of the paths of files."""
     if isinstance(node, dict):
         return {
-            key: told(own)
+            key: rewritten(own)
             if key in _PATH_KEYS and isinstance(own, str) and not own.startswith(_IN_MEMORY)
-            else _with_files(own, told)
+            else _with_files(own, rewritten)
             for key, own in node.items()
         }
-    return [_with_files(own, told) for own in node] if isinstance(node, list) else node
+    return [_with_files(own, rewritten) for own in node] if isinstance(node, list) else node
 
 
 def _plain_effect(row: Effect, config: Config) -> dict[str, Any] | None:

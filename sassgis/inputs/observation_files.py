@@ -127,7 +127,7 @@ def validate_observations(
     drop_m: float = 0.0,
     density_kgm3: float = DENSITY_KGM3,
 ) -> list[ObservationFinding]:
-    """Collect findings on observations, as read or made up by a program; errors come first.
+    """Collect findings on observations, as read or made by a program; errors come first.
 
     Without the DEM, nothing is compared with the terrain.
     """

@@ -226,7 +226,7 @@ def write_calibration_json(path: Path, calibration: SiteCalibration) -> None:
         "identified_combinations": calibration.combinations,
         "trade_offs": calibration.trade_offs,
         "as_good": calibration.as_good,
-        "classes_not_told_apart": calibration.alike,
+        "indistinguishable_classes": calibration.alike,
         "sites_contradict": calibration.contradict,
         "sites": [_site(site) for site in calibration.sites],
     }
@@ -275,12 +275,12 @@ def write_classes(path: Path, calibration: SiteCalibration, configured: GroundTa
 def class_provenance(calibration: SiteCalibration, name: str) -> str:
     """State in a sentence where the values of a calibrated class come from."""
     own = [f for f in calibration.fitted if f.parameter.class_name == name]
-    told = [f"{f.parameter.name} {f.low:.2g} to {f.high:.2g}" for f in own if f.identified]
+    stated = [f"{f.parameter.name} {f.low:.2g} to {f.high:.2g}" for f in own if f.identified]
     kept = [f.parameter.name for f in own if not f.identified]
     sites = ", ".join(f"{s.name} ({s.rocks} rocks)" for s in calibration.sites)
     parts = [f"Calibrated by sassgis {sassgis.__version__} on {sites}"]
-    if told:
-        parts.append("95 % intervals: " + ", ".join(told))
+    if stated:
+        parts.append("95 % intervals: " + ", ".join(stated))
     if kept:
         parts.append("not identified by itself: " + ", ".join(kept))
     alike = [b if a == name else a for a, b in calibration.alike if name in (a, b)]

@@ -104,7 +104,7 @@ def software_versions() -> Mapping[str, str]:
 def plain(value: object, digits: int | None = None) -> Any:
     """Return the value as JSON knows it: dataclasses as objects, arrays as lists, infinity as text.
 
-    With ``digits`` numbers are rounded to so many, and None stands for what is no finite one.
+    With ``digits`` numbers are rounded to so many, and None represents what is no finite one.
     TypeError if there is no such form.
     """
     if isinstance(value, Enum):

@@ -39,9 +39,9 @@ _MEANING = page.ReportAnswer(
 
 def verdict(calibration: SiteCalibration) -> str:
     """Return the result in a few sentences; the first says which ground to run."""
-    told = [f for f in calibration.fitted if f.identified]
+    stated = [f for f in calibration.fitted if f.identified]
     text = "{} rocks identify {} of {} parameters and {} combinations of them."
-    numbers = calibration.rocks, len(told), len(calibration.fitted), calibration.combinations
+    numbers = calibration.rocks, len(stated), len(calibration.fitted), calibration.combinations
     sentences = [calibration.recommendation, phrase(text, *numbers)]
     for site in calibration.sites:
         if site.errors:

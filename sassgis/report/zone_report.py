@@ -86,7 +86,7 @@ def zone_figures(
 
     by_stem = {layer.stem: layer for layer in maps}
     zones = hazard.levels
-    level, unsure = by_stem["hazard_level"], by_stem["confidence"]
+    level, not_certain = by_stem["hazard_level"], by_stem["confidence"]
     marks = map_marks(run, map_objects(rules.placed))
     entry = {c.value: c for c in level.classes}
     edited = shapely.get_parts([a.edit.geometry for a in hazard.edits])
@@ -128,8 +128,8 @@ def zone_figures(
             "parameters may change any cell.",
             f"{100 * confidence:.3g}",
         ),
-        map_alt(grid, unsure),
-        figures.confidence_figure(grid, level, unsure.bands[0].values == 1, marks, width),
+        map_alt(grid, not_certain),
+        figures.confidence_figure(grid, level, not_certain.bands[0].values == 1, marks, width),
     )
     if len(history) > 1:
         add(

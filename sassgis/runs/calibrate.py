@@ -127,12 +127,12 @@ def group_warnings(case: Case) -> tuple[str, ...]:
         return ()
     text = "The rocks are in {} groups." if groups > 1 else "The rocks are in 1 group."
     found = phrase(text, groups)
-    told = phrase(
+    stated = phrase(
         "With fewer than {} groups, causes cannot be separated from what the rocks of a group "
         "share. Intervals are far too narrow.",
         WARNED_GROUPS,
     )
-    return (joined(" ", (found, told)),)
+    return (joined(" ", (found, stated)),)
 
 
 def stop_warnings(case: Case) -> tuple[str, ...]:

@@ -150,13 +150,13 @@ def _write_comparison(
         pictures = change_figures(before, after, work / "figures", levels=levels)
         report = change_report(before, after, change, pictures)
         write_report(work / "report.html", translated_report(report))
-    told = {"before": before.manifest, "after": after.manifest}
+    stated = {"before": before.manifest, "after": after.manifest}
     write_manifest(
         work / MANIFEST_NAME, inputs=inputs, base=base, crs=grid.crs,
         vertical_datum=grid.vertical_datum, seed=int(after.manifest["seed"]),
         ref_widths_m=after.manifest["ref_widths_m"], preset=str(after.manifest["preset"]),
-        settings={when: own["settings"] for when, own in told.items()},
-        counts={f"rocks_{when}": int(own["counts"]["rocks"]) for when, own in told.items()},
+        settings={when: own["settings"] for when, own in stated.items()},
+        counts={f"rocks_{when}": int(own["counts"]["rocks"]) for when, own in stated.items()},
         warnings=change.notes,
     )  # fmt: skip
     return change

@@ -81,7 +81,7 @@ from sassgis.runs.calibrate import (
     scenario_warnings,
     stop_warnings,
 )
-from sassgis.runs.draw_store import told_tasks
+from sassgis.runs.draw_store import reported_tasks
 from sassgis.runs.provenance import write_origin
 from sassgis.runs.resumable_run import AnyConfig, configured, workers_asked
 from sassgis.settings.languages import in_language
@@ -157,8 +157,8 @@ def diagnose(
         try:
             with task_map(summary, workers_asked(settings, jobs)) as run:
                 tell(f"Calibrating the base model with {case.n_rocks} rocks")
-                told = told_tasks(run, case.n_rocks, on_progress)
-                made = HypothesisFits(summary, told, draws)
+                reported = reported_tasks(run, case.n_rocks, on_progress)
+                made = HypothesisFits(summary, reported, draws)
                 made.add(CONTACT_LAW)
                 tell("Weighing the causes")
                 added = evidence_of_site(made)

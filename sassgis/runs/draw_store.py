@@ -21,17 +21,17 @@ _ARRAYS = ("trials", "parameters", "numbers", "scores")
 RunNew = Callable[[Sequence[Trial]], Iterable[Seen]]
 
 
-def told_tasks(run: TaskMap, n_rocks: int, on_progress: OnProgress | None) -> TaskMap:
+def reported_tasks(run: TaskMap, n_rocks: int, on_progress: OnProgress | None) -> TaskMap:
     """Return the map of tasks, which have a count of campaigns each, with its progress reported."""
 
-    def told(function: Callable[[Any, Any], Any], tasks: Sequence[Any]) -> Iterator[Any]:
+    def reported(function: Callable[[Any, Any], Any], tasks: Sequence[Any]) -> Iterator[Any]:
         each = sum(task.count for task in tasks) * n_rocks // max(len(tasks), 1)
         for done, result in enumerate(run(function, tasks), start=1):
             if on_progress is not None:
                 on_progress(done, len(tasks), each * done)
             yield result
 
-    return told
+    return reported
 
 
 class DrawStore:

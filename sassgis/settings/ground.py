@@ -141,7 +141,7 @@ class GroundTable:
         return rows
 
 
-#: What stands for every class without a separate range.
+#: What represents every class without a separate range.
 EVERY_CLASS = "*"
 #: dp_min goes with dp_max: they are the limits of one spread.
 RANGED = tuple(p for p in PARAMETERS if p != "dp_min")

@@ -52,7 +52,7 @@ def named(name: str) -> Phrase:
 
 
 def in_english(text: str, others: Phrase) -> Phrase:
-    """Return a text in English, and a phrase that stands for it in the other languages."""
+    """Return a text in English, and a phrase that represents it in the other languages."""
     made = Phrase(text)
     made.key, made.parts, made.named = others.key, others.parts, others.named
     return made

@@ -272,7 +272,7 @@ STOP_TEXT = {
 }
 
 
-#: Built-in ground classes, by what stands for their name in other languages than English.
+#: Built-in ground classes, by what represents their name in other languages than English.
 _GROUND_NAMES = {
     "rock": "rock (ground class)",
     "debris": "debris (ground class)",

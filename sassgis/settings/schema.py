@@ -388,8 +388,8 @@ def explained(error: ErrorDetails, own: Declared | None) -> dict[str, Any]:
     kind, context, loc = error["type"], error.get("ctx", {}), error["loc"]
     found: object = in_short(error["input"])
     if kind == "sassgis":
-        told = context["found"] is not None or context["field"]
-        return {**context, "found": context["found"] if told else found}
+        stated = context["found"] is not None or context["field"]
+        return {**context, "found": context["found"] if stated else found}
     problem: str = "cannot be used"
     expected: str | None = error["msg"]
     if kind in _EXPECTED:

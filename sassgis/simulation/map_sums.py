@@ -80,9 +80,9 @@ def pooled_freedom(variances: FloatArray, freedom: Sequence[float]) -> FloatArra
     They are infinite for a variance of 0. After Welch (1947, Biometrika 34: 28-35) and
     Satterthwaite (1946, Biometrics Bulletin 2: 110-114).
     """
-    unsure = (variances**2 / np.maximum(freedom, 1.0)[:, None]).sum(axis=0)
-    pooled = np.full(unsure.shape, np.inf)
-    np.divide(variances.sum(axis=0) ** 2, unsure, out=pooled, where=unsure > 0.0)
+    uncertain = (variances**2 / np.maximum(freedom, 1.0)[:, None]).sum(axis=0)
+    pooled = np.full(uncertain.shape, np.inf)
+    np.divide(variances.sum(axis=0) ** 2, uncertain, out=pooled, where=uncertain > 0.0)
     return pooled
 
 

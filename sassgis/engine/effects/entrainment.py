@@ -93,7 +93,7 @@ def entrain(
     """Set blocks of the ground in motion with part of the energy that an impact took (J).
 
     They leave the ground on which they lie flat, under the block that hit it: the height -inf
-    stands for that at which they rest.
+    represents that at which they rest.
     """
     n = blocks_entrained(loose, block.key, number, lost)
     if n == 0:

@@ -163,8 +163,10 @@ def settings_of(
     for label, value in fit.handed_over.draw.parameters.items():
         ground, _, name = label.rpartition(".")
         if ground in before:
-            configured, told = float(getattr(before[ground], name)), label in fit.identified
-            found.append(GroundSetting(ground, name, configured, value, intervals[label], told))
+            configured, identified = float(getattr(before[ground], name)), label in fit.identified
+            found.append(
+                GroundSetting(ground, name, configured, value, intervals[label], identified)
+            )
     return tuple(found)
 
 
@@ -194,11 +196,11 @@ def first_sentence(advice: Advice, ladder: Sequence[Rung], effect: str = "") -> 
     if "release_error" in effect.split("+"):
         text = "As configured, from the stated starts: {}"
     said = [phrase(text, _off_by(gap, advice))]
-    told = [gap]
+    mentioned = [gap]
     far = _far_safe(advice.compared)
     if far is not None and gap.side == "unsafe":
         said.append(phrase("Also: {}", _off_by(far, advice)))
-        told.append(far)
+        mentioned.append(far)
     if advice.wrong_ground:
         names = all_of(map(named, advice.wrong_ground))
         one = phrase("No usual values of the ground class {} fit.", names)
@@ -208,7 +210,7 @@ def first_sentence(advice: Advice, ladder: Sequence[Rung], effect: str = "") -> 
     if advice.short is None:
         unsafe = worst_of([own for own in advice.left if own.counts and own.side == "unsafe"])
         both = (unsafe, _far_safe(advice.left))
-        left = [_off_by(own, advice) for own in both if own is not None and own not in told]
+        left = [_off_by(own, advice) for own in both if own is not None and own not in mentioned]
         texts = ("After calibration: {}", "Also: {}")
         said += [phrase(text, own) for text, own in zip(texts, left, strict=False)]
     return joined(" ", said)

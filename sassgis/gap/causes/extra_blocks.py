@@ -34,12 +34,12 @@ from sassgis.gap.causes.cause import (
 )
 from sassgis.gap.constants import (
     CHIP_SHARE,
+    COMPENSATED_SHARE,
     FEW_LOST_SHARE,
     FINGERPRINT_ROCKS,
     KNOWN_ROCKS,
     LEAST_MASS_ERROR,
     LEAST_MASS_SHARE,
-    MADE_UP_SHARE,
     MASS_DRAWS,
     MISNAMED_CHANCE,
 )
@@ -156,8 +156,8 @@ def _unexplained(case: Case, left: NDArray[np.bool_]) -> NDArray[np.bool_]:
     owner = seen.rock_of("deposits")
     lost = _not_found(case) & ~left
     nameless = deposit_masses_kg(seen)[owner < 0].sum()
-    made_up = nameless >= MADE_UP_SHARE * case.mass_kg[lost].sum()
-    return np.asarray(lost & ~(made_up | seen.is_piece("deposits").any()), np.bool_)
+    compensated = nameless >= COMPENSATED_SHARE * case.mass_kg[lost].sum()
+    return np.asarray(lost & ~(compensated | seen.is_piece("deposits").any()), np.bool_)
 
 
 def mass_budget(rocks: FloatArray, blocks: FloatArray) -> tuple[float, float]:

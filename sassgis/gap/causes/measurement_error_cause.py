@@ -24,11 +24,11 @@ from sassgis.gap.causes.cause import (
     usual_offset,
 )
 from sassgis.gap.constants import (
+    COMPENSATED_PRODUCT,
     FAR_ERRORS,
     FAST_MPS,
     FINGERPRINT_ROCKS,
     LOG_SCALE,
-    MADE_UP_PRODUCT,
     MISSTATED_SHARE,
     PATH_LAG_S,
     PRINTED_Z,
@@ -199,7 +199,7 @@ def _made_up(case: Case, residuals: ResidualTable) -> Scores:
         raise Unseen
     own = {place: over_scatter(gap - np.nanmean(gap), 0.02) for place, gap in gaps.items()}
     product = mean_of_draws(np.column_stack([-own[a] * own[b] for a, b in pairs]), least=1)
-    return Scores(product - MADE_UP_PRODUCT, float(np.nanmean(product)))
+    return Scores(product - COMPENSATED_PRODUCT, float(np.nanmean(product)))
 
 
 def _aside(case: Case, residuals: ResidualTable) -> Scores:

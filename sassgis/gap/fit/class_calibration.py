@@ -55,14 +55,15 @@ from sassgis.gap.fit.linear_fit import (
 )
 from sassgis.gap.fit.parameters import (
     ClassParameter,
+    Estimated,
     Fitted,
     Misfits,
     Posterior,
-    Told,
     TradeOff,
     as_good,
     classes_alike,
     contradicting,
+    estimated_by,
     fitted_parameters,
     identified_combinations,
     parameters_of,
@@ -70,7 +71,6 @@ from sassgis.gap.fit.parameters import (
     prior_shares,
     table_with,
     together,
-    told_by,
     trade_offs,
 )
 from sassgis.gap.fit.site_data import Prediction, SiteData, added, prediction, scores_of
@@ -181,7 +181,7 @@ def run_site(task: CalibrationTask, at: SiteTask) -> Misfits:
 class Calibrated:
     """Result of a calibration, and what follows from it."""
 
-    told: tuple[Told, ...]  # by site
+    estimated: tuple[Estimated, ...]  # by site
     posterior: Posterior
     fitted: tuple[Fitted, ...]
     draws: int  # parameter sets that were tried
@@ -198,10 +198,10 @@ def search(
     budget = budget_of(task, draws)
     fit = fit_linearly(joined(task.summaries), np.zeros(len(task.parameters)), run, budget)
     best, sites = prior_shares(task.parameters, fit.best), range(len(task.sites))
-    told = told_by(fit, run_sites([SiteTask(k, best, MISFIT_NUMBER) for k in sites]))
-    posterior = posterior_of(task.parameters, together(told), task.seed)
+    estimated = estimated_by(fit, run_sites([SiteTask(k, best, MISFIT_NUMBER) for k in sites]))
+    posterior = posterior_of(task.parameters, together(estimated), task.seed)
     fitted = fitted_parameters(task.parameters, posterior)
-    return Calibrated(told, posterior, fitted, budget.tried)
+    return Calibrated(estimated, posterior, fitted, budget.tried)
 
 
 def final_prediction(task: CalibrationTask, final: SiteTask) -> Prediction:
@@ -215,7 +215,7 @@ RunFinals = Callable[[Sequence[SiteTask]], Sequence[Prediction]]
 
 def held_out(task: CalibrationTask, found: Calibrated, run: RunFinals) -> list[Prediction]:
     """Predict each rock with parameters chosen on the rocks of the other parts, by site."""
-    whole = together(found.told)
+    whole = together(found.estimated)
     tasks = []
     for part in range(task.n_parts):
         shares = prior_shares(task.parameters, whole.estimate_without(part))
@@ -300,7 +300,7 @@ class SiteCalibration:
 def result_of(task: CalibrationTask, found: Calibrated, run: RunFinals) -> SiteCalibration:
     """Return the result of the search, and how well it fits rocks left out."""
     posterior, parameters = found.posterior, task.parameters
-    own = [prior_shares(parameters, told.estimate()[0]) for told in found.told]
+    own = [prior_shares(parameters, estimated.estimate()[0]) for estimated in found.estimated]
     finals = []
     for k, best in enumerate(own):
         finals += [
@@ -335,7 +335,7 @@ def result_of(task: CalibrationTask, found: Calibrated, run: RunFinals) -> SiteC
         trade_offs=trade_offs([p.label for p in parameters], posterior.covariance),
         as_good=tuple(_by_label(parameters, u) for u in as_good(posterior)),
         alike=classes_alike(parameters, posterior), sites=tuple(sites),
-        contradict=contradicting(found.told, common, own_best, task.seed),
+        contradict=contradicting(found.estimated, common, own_best, task.seed),
         gain=paired_gain(before, left),
         findings=findings_of(found.fitted, {s.name: s.gain for s in sites}), draws=found.draws,
         seed=task.seed,
@@ -388,7 +388,7 @@ def between_sites(values: FloatArray, errors: FloatArray, scale: float) -> Betwe
     """
     if not values.size or not (errors > 0.0).all() or not scale > 0.0:
         raise InputError(
-            "the spread between sites cannot be told",
+            "the spread between sites cannot be estimated",
             found=f"{values.size} values, errors {errors.tolist()}, scale {scale:g}",
             expected="one value or more; errors and scale above 0",
         )
@@ -423,15 +423,15 @@ def class_spread(
         ]  # fmt: skip
         if not own:
             continue
-        told = between_sites(
+        sites = between_sites(
             np.array([v.value for v in own]), np.array([v.error for v in own]), before.sd
         )
-        room = MIDDLE_90 * told.predictive_sd
-        low, high = np.clip([told.mean - room, told.mean + room], *LIMITS[before.parameter])
+        room = MIDDLE_90 * sites.predictive_sd
+        low, high = np.clip([sites.mean - room, sites.mean + room], *LIMITS[before.parameter])
         source = (
-            f"Random effects over {', '.join(v.site for v in own)}: mean {told.mean:.3g} (standard "
-            f"error {told.mean_error:.2g}), standard deviation between sites {told.sd:.2g} "
-            f"(before: {before.sd:.2g})."
+            f"Random effects over {', '.join(v.site for v in own)}: mean {sites.mean:.3g} "
+            f"(standard error {sites.mean_error:.2g}), standard deviation between sites "
+            f"{sites.sd:.2g} (before: {before.sd:.2g})."
         )
         rules.append(
             RangeRule(
@@ -458,9 +458,9 @@ def spread_of_sites(
 def site_values(task: CalibrationTask, found: Calibrated) -> tuple[SiteValue, ...]:
     """Return values that the rocks of each single site leave, and their standard errors."""
     out = []
-    for k, (site, told) in enumerate(zip(task.sites, found.told, strict=True)):
+    for k, (site, estimated) in enumerate(zip(task.sites, found.estimated, strict=True)):
         rng = np.random.default_rng([task.seed, 11, k])
-        drawn = rng.multivariate_normal(*told.estimate(NO_PRIOR), SITE_SAMPLES)
+        drawn = rng.multivariate_normal(*estimated.estimate(NO_PRIOR), SITE_SAMPLES)
         shares = prior_shares(task.parameters, drawn)
         met = classes_met(site.case)
         for j, p in enumerate(task.parameters):

@@ -15,7 +15,7 @@ something was not measured has nothing to do with its value.
 
 *Did not happen* (a rock that never reached a station has no speed there) is information and must
 not be left out: a model in which no rock arrives would escape its punishment. A coordinate of its
-own stands for it before any distance is taken (``sassgis.gap.fit.site_data.Scale``).
+own represents it before any distance is taken (``sassgis.gap.fit.site_data.Scale``).
 """
 
 from __future__ import annotations
@@ -188,7 +188,7 @@ class RockDistances:
     #: 2 |x_i − y_j| − |x_i − x_j| − |y_i − y_j|, means over replicas, zero on the diagonal; shape
     #: (n_rocks, n_rocks).
     pairs: FloatArray
-    #: The same distance where each of the replicas stands in for what was observed, shape (m,).
+    #: The same distance where each of the replicas represents the observations, shape (m,).
     floors: FloatArray
 
     @classmethod

@@ -177,7 +177,7 @@ class CalibrationFinding:
 def findings_of(
     fitted: Sequence[Fitted], gains: Mapping[str, Interval]
 ) -> tuple[CalibrationFinding, ...]:
-    """Return values at a limit, against the order of the ground, far off; unsure gains."""
+    """Return values at a limit, against the order of the ground, far off; gains by chance."""
     text = "{}: {}; the gain may be chance."
     small = [
         CalibrationFinding("gain", (), phrase(text, site, gain_text(gain)))

@@ -295,7 +295,7 @@ class Misfits:
 
 
 @dataclass(frozen=True, slots=True)
-class Told:
+class Estimated:
     """Evidence of some rocks on the parameters, by the linear model about the best ones."""
 
     best: FloatArray  # shape (d,); standard normal before any rock is seen
@@ -322,7 +322,7 @@ class Told:
         return replace(self, pull=self.without[part]).estimate()[0]
 
 
-def told_by(found: LinearFit, sites: Sequence[Misfits]) -> tuple[Told, ...]:
+def estimated_by(found: LinearFit, sites: Sequence[Misfits]) -> tuple[Estimated, ...]:
     """Return the evidence of each site's rocks; numbers of ``found`` are those of joined sites."""
     out, first = [], 0
     for site in sites:
@@ -333,21 +333,23 @@ def told_by(found: LinearFit, sites: Sequence[Misfits]) -> tuple[Told, ...]:
             bounded(own) @ weight.T for own in (site.whole, site.without, site.drawn)
         )
         scatter = small_sample_factor(site.units) * np.atleast_2d(np.cov(drawn.T))
-        told = Told(found.best, weight @ slopes, whole, without, scatter)
+        estimated = Estimated(found.best, weight @ slopes, whole, without, scatter)
         # Numbers that even the site's parameters leave farther apart than their errors say have
         # larger ones (Birge 1932, Phys. Rev. 40, 207-227).
-        apart = bounded(site.whole) - slopes @ (told.estimate()[0] - found.best)
+        apart = bounded(site.whole) - slopes @ (estimated.estimate()[0] - found.best)
         scatter = scatter * max(float(apart @ apart) / max(apart.size, 1), 1.0)
         # What the linear model leaves is not in the rocks.
         scatter = scatter + np.cov((found.left[:, rows] @ weight.T).T)
-        out.append(replace(told, scatter=scatter))
+        out.append(replace(estimated, scatter=scatter))
     return tuple(out)
 
 
-def together(sites: Sequence[Told]) -> Told:
+def together(sites: Sequence[Estimated]) -> Estimated:
     """Combine the rocks of all sites."""
     names = ("precision", "pull", "without", "scatter")
-    return Told(sites[0].best, *(np.sum([getattr(s, n) for s in sites], axis=0) for n in names))
+    return Estimated(
+        sites[0].best, *(np.sum([getattr(s, n) for s in sites], axis=0) for n in names)
+    )
 
 
 def small_sample_factor(n: int) -> float:
@@ -372,17 +374,19 @@ class Posterior:
     excess: FloatArray  # shape (n,); twice the logarithmic likelihood that samples lack to the best
 
 
-def posterior_of(parameters: Sequence[ClassParameter], told: Told, seed: int) -> Posterior:
+def posterior_of(
+    parameters: Sequence[ClassParameter], estimated: Estimated, seed: int
+) -> Posterior:
     """Sample the posterior, which is normal in parameters of which the prior is standard normal."""
     rng = np.random.default_rng([seed, 7])
-    best, covariance = told.estimate()
+    best, covariance = estimated.estimate()
     samples = rng.multivariate_normal(best, covariance, POSTERIOR_SAMPLES)
-    alone = rng.multivariate_normal(*told.estimate(WEAK_PRIOR), POSTERIOR_SAMPLES)
+    alone = rng.multivariate_normal(*estimated.estimate(WEAK_PRIOR), POSTERIOR_SAMPLES)
     off = samples - best
     return Posterior(
         best=prior_shares(parameters, best), samples=prior_shares(parameters, samples),
         of_numbers=prior_shares(parameters, alone), covariance=covariance,
-        excess=((off @ told.precision) * off).sum(axis=1),
+        excess=((off @ estimated.precision) * off).sum(axis=1),
     )  # fmt: skip
 
 
@@ -495,7 +499,7 @@ def classes_alike(
 
 
 def contradicting(
-    sites: Sequence[Told], common: Sequence[float], own_best: Sequence[float], seed: int
+    sites: Sequence[Estimated], common: Sequence[float], own_best: Sequence[float], seed: int
 ) -> bool:
     """Return whether the common parameters are worse for sites than chance explains, and by much.
 

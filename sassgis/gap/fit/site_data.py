@@ -213,9 +213,9 @@ def site_data_of(
     """Prepare a case.
 
     ``simulated``: what this model makes of the
-    rocks, in its campaign of this number, stands for what was observed: a synthetic site with all
+    rocks, in its campaign of this number, represents what was observed: a synthetic site with all
     that goes with the real one. ``sideways``: False where neither tilt nor drift of paths is
-    calibrated: wrong offsets would be made up for by the ground, which then stops rocks before they
+    calibrated: wrong offsets would be compensated by the ground, which then stops rocks before they
     have gone astray.
     """
     rock_lines = rock_lines_of(case)

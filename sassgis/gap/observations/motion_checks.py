@@ -129,7 +129,7 @@ def check_times(obs: Observations, grid: Grid | None) -> Iterator[ObservationFin
 def check_ways(
     obs: Observations, grid: Grid | None, drop_m: float = 0.0
 ) -> Iterator[ObservationFinding]:
-    """Yield findings on ways that no fall covers; blocks were let go up to ``drop_m`` above."""
+    """Yield findings on ways that no fall covers; blocks were released up to ``drop_m`` above."""
     contacts, order = contacts_of(obs), contact_order(obs)
     hops = hops_of(contacts)
     here, there = hops.first, hops.first + 1
@@ -287,7 +287,7 @@ def fall_scale(obs: Observations, grid: Grid | None) -> tuple[float, float, int]
 def check_drops(
     obs: Observations, grid: Grid | None, drop_m: float = 0.0
 ) -> Iterator[ObservationFinding]:
-    """Yield findings on speeds that no drop explains; blocks were let go up to ``drop_m`` above."""
+    """Yield findings on speeds that no drop explains; releases lay up to ``drop_m`` above."""
     top = tops_m(obs, grid, drop_m)
     fast = [(table, own) for table, columns in TABLES.items() for own in columns if own.from_drop]
     scale, certain, flights = fall_scale(obs, grid)

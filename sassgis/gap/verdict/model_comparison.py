@@ -133,11 +133,11 @@ class Ladder:
                 for simpler in (self._found[name][0], best)
                 if (found := self.gain(simpler, name)) is not None
             }
-            unsure = [(simpler, gain) for simpler, gain in gains.items() if not gain.low > 0.0]
-            if not unsure:
+            uncertain = [(simpler, gain) for simpler, gain in gains.items() if not gain.low > 0.0]
+            if not uncertain:
                 best, why = name, []
                 continue
-            simpler, gain = unsure[-1]
+            simpler, gain = uncertain[-1]
             why.append(
                 phrase(
                     "by {} beyond {} (energy distance {} of {}; 95 %: {})",

@@ -24,7 +24,7 @@ from sassgis.settings.results import ControlLine, thousands
 #: A control line with its chainage (m) and the height of the ground there (m).
 ProfileControlLine = tuple[ControlLine, float, float]
 
-#: Paths beyond this number would be a black mass: bands stand for them. Paths that make a band.
+#: Paths beyond this number would be a black mass: bands represent them. Paths that make a band.
 MAX_PATHS, _ENOUGH = 30, 10
 _STRIP_PT = 7.0
 

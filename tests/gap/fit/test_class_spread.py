@@ -18,7 +18,7 @@ from sassgis.gap.fit.class_calibration import (
     site_values,
     spread_of_sites,
 )
-from sassgis.gap.fit.parameters import RANGES, ClassParameter, Told
+from sassgis.gap.fit.parameters import RANGES, ClassParameter, Estimated
 from sassgis.inputs.ground_map import built_in_table, read_ranges
 from sassgis.outputs.layers.variant_layers import rule_table
 from sassgis.outputs.zone_tables import write_table
@@ -69,7 +69,7 @@ def test_a_third_site_lies_within_the_range_of_two() -> None:
 
 @pytest.mark.parametrize(("errors", "scale"), [([0.0, 0.1], 0.1), ([0.1, 0.1], 0.0)])
 def test_what_cannot_be_told_is_refused(errors: list[float], scale: float) -> None:
-    with pytest.raises(InputError, match=r"spread between sites cannot be told.*above 0"):
+    with pytest.raises(InputError, match=r"spread between sites cannot be estimated.*above 0"):
         between_sites(np.array([0.5, 0.6]), np.array(errors), scale)
 
 
@@ -86,16 +86,16 @@ def test_the_table_is_read_again_and_goes_before_what_was_assumed(tmp_path: Path
     write_table(file, [rule_table([rule])])
     (read,) = ranges_of(table, ["talus"], read_ranges(table, file), ["eta_max"])
     assert (read.sites, read.rocks, read.high) == (2, 42, 1.0)
-    told = between_sites(np.array([0.97, 0.95]), np.array([0.02, 0.02]), before[0].sd)
-    assert rule.low == pytest.approx(told.mean - 1.645 * told.predictive_sd)
+    estimated = between_sites(np.array([0.97, 0.95]), np.array([0.02, 0.02]), before[0].sd)
+    assert rule.low == pytest.approx(estimated.mean - 1.645 * estimated.predictive_sd)
     assert "A, B: mean 0.96" in read.source
 
 
-def told(precision: tuple[float, float], at: float) -> Told:
+def estimated(precision: tuple[float, float], at: float) -> Estimated:
     """Of the first of two parameters, about a best value of zero; of the second nothing."""
     first, second = precision
     pull = np.array([first * at, 0.0])
-    return Told(np.zeros(2), np.diag([first, 0.0]), pull, pull[None], np.diag([second, 0.0]))
+    return Estimated(np.zeros(2), np.diag([first, 0.0]), pull, pull[None], np.diag([second, 0.0]))
 
 
 def test_the_error_of_a_site_is_that_of_its_rocks(monkeypatch) -> None:
@@ -110,7 +110,9 @@ def test_the_error_of_a_site_is_that_of_its_rocks(monkeypatch) -> None:
     monkeypatch.setattr(module, "classes_met", lambda case: case.met)
     task: Any = SimpleNamespace(sites=sites, parameters=parameters, seed=3)
     # The rocks of B scatter twice as much as their numbers say if each is independent.
-    found: Any = SimpleNamespace(told=(told((25.0, 25.0), 0.5), told((16.0, 64.0), -1.0)))
+    found: Any = SimpleNamespace(
+        estimated=(estimated((25.0, 25.0), 0.5), estimated((16.0, 64.0), -1.0))
+    )
     values = {(v.site, v.class_name): v for v in site_values(task, found)}
     assert set(values) == {("A", "rock"), ("A", "debris"), ("B", "rock")}
     # One standard deviation of the prior is a tenth of the range.
@@ -119,7 +121,7 @@ def test_the_error_of_a_site_is_that_of_its_rocks(monkeypatch) -> None:
         own = values[name, "rock"]
         assert own.value == pytest.approx(0.4 + at * unit, abs=0.05 * unit)
         assert own.error == pytest.approx(error * unit, rel=0.05)
-    # What is not told scatters over its range.
+    # What is not estimated scatters over its range.
     assert values["A", "debris"].error > width / np.sqrt(12.0)
     # Each class by the sites whose rocks meet it, from the spread that was assumed before.
     rules = {r.class_name: r for r in spread_of_sites(task, found, read_ranges(table))}

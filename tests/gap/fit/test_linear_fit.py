@@ -15,15 +15,15 @@ from sassgis.gap.fit.linear_fit import FitBudget, ObservedNumbers, Seen, Trial, 
 from sassgis.gap.fit.parameters import (
     RANGES,
     ClassParameter,
+    Estimated,
     Misfits,
-    Told,
     contradicting,
+    estimated_by,
     fitted_parameters,
     identified_combinations,
     posterior_of,
     small_sample_factor,
     together,
-    told_by,
     trade_offs,
 )
 from sassgis.grid import FloatArray
@@ -48,7 +48,7 @@ def slopes_of(shown: FloatArray) -> FloatArray:
     return np.vstack([SLOPES, np.repeat(SLOPES[:1], shown.shape[1] - 3, axis=0)])
 
 
-def told_of(sites: Sequence[FloatArray], rng: np.random.Generator) -> tuple[Told, ...]:
+def estimates_of(sites: Sequence[FloatArray], rng: np.random.Generator) -> tuple[Estimated, ...]:
     """Calibrate on what the rocks of some sites show; the parts are two halves of the rocks."""
     each = [numbers_of(shown) for shown in sites]
     whole = joined(each)
@@ -73,7 +73,7 @@ def told_of(sites: Sequence[FloatArray], rng: np.random.Generator) -> tuple[Told
         means = means @ shown / means.sum(axis=1, keepdims=True)
         off = (means - slopes_of(shown) @ fit.best) / own.error
         misfits.append(Misfits(off[0], off[1:3], off[3:], n))
-    return told_by(fit, misfits)
+    return estimated_by(fit, misfits)
 
 
 def exact(sites: Sequence[FloatArray]) -> tuple[FloatArray, FloatArray]:
@@ -88,15 +88,15 @@ def exact(sites: Sequence[FloatArray]) -> tuple[FloatArray, FloatArray]:
 def test_two_sites_give_the_posterior_of_the_formula() -> None:
     rng = np.random.default_rng(5)
     shown = [rocks((1.5, -0.5), n, rng) for n in (60, 25)]
-    told = told_of(shown, rng)
-    at, covariance = together(told).estimate()
+    estimated = estimates_of(shown, rng)
+    at, covariance = together(estimated).estimate()
     mean, expected = exact(shown)
     sd = np.sqrt(np.diag(expected))
     assert np.abs((at - mean) / sd).max() < 0.35
     np.testing.assert_allclose(np.sqrt(np.diag(covariance)), sd, rtol=0.25)
     # Each site has its own share in it.
-    assert np.linalg.norm(told[0].estimate()[0] - exact(shown[:1])[0]) < 0.25
-    # Both combinations are told, and more of the one makes up for less of the other.
+    assert np.linalg.norm(estimated[0].estimate()[0] - exact(shown[:1])[0]) < 0.25
+    # Both combinations are estimated, and more of the one makes up for less of the other.
     assert identified_combinations(covariance) == 2 and covariance[0, 1] < 0.0
 
 
@@ -108,19 +108,19 @@ def test_trade_offs_are_the_strongest_correlations() -> None:
 def test_rocks_that_are_left_out_do_not_count() -> None:
     rng = np.random.default_rng(6)
     halves = [rocks((at, 0.0), 40, rng) for at in (-1.0, 1.0)]
-    (told,) = told_of([np.vstack(halves)], rng)
+    (estimated,) = estimates_of([np.vstack(halves)], rng)
     for part, other in enumerate(halves[::-1]):
         # Weights are those of the scatter of all rocks.
         weight = SLOPES.T / (np.vstack(halves).var(axis=0) / 80)
         expected = np.linalg.solve(weight @ SLOPES + np.eye(2), weight @ other.mean(axis=0))
-        assert told.estimate_without(part) == pytest.approx(expected, abs=0.15)
+        assert estimated.estimate_without(part) == pytest.approx(expected, abs=0.15)
 
 
 def test_a_quantity_that_is_counted_five_times_tells_no_more() -> None:
     rng = np.random.default_rng(7)
     shown = rocks((0.5, 0.0), 50, rng, alike=4)
-    once, often = (told_of([own], rng)[0] for own in (shown[:, :3], shown))
-    width = [np.sqrt(told.estimate()[1][0, 0]) for told in (once, often)]
+    once, often = (estimates_of([own], rng)[0] for own in (shown[:, :3], shown))
+    width = [np.sqrt(estimated.estimate()[1][0, 0]) for estimated in (once, often)]
     assert width[1] > 0.95 * width[0]
     naive = np.sqrt(np.linalg.inv(often.precision + np.eye(2))[0, 0])
     assert naive < 0.7 * width[1]
@@ -131,8 +131,8 @@ def test_intervals_hold_the_value_as_often_as_they_say() -> None:
     held = []
     for _ in range(60):
         truth = rng.standard_normal(2)
-        (told,) = told_of([rocks(truth, 20, rng, alike=2)], rng)
-        at, covariance = told.estimate()
+        (estimated,) = estimates_of([rocks(truth, 20, rng, alike=2)], rng)
+        at, covariance = estimated.estimate()
         held.append(np.abs(truth - at) < 1.2816 * np.sqrt(np.diag(covariance)))
     # 80 %; two standard errors are 7 %.
     assert 0.72 < np.mean(held) < 0.92
@@ -141,11 +141,11 @@ def test_intervals_hold_the_value_as_often_as_they_say() -> None:
 @pytest.mark.parametrize(("second", "contradict"), [(0.4, False), (-2.5, True)])
 def test_sites_contradict_if_common_parameters_suit_none(second: float, contradict: bool) -> None:
     rng = np.random.default_rng(4)
-    told = told_of([rocks((at, 0.0), 40, rng) for at in (0.6, second)], rng)
-    assert contradicting(told, [1.1] * 2, [1.0] * 2, 1) == contradict
+    estimated = estimates_of([rocks((at, 0.0), 40, rng) for at in (0.6, second)], rng)
+    assert contradicting(estimated, [1.1] * 2, [1.0] * 2, 1) == contradict
     # Certain, but not worth telling; and one site alone contradicts nobody.
-    assert not contradicting(told, [1.01] * 2, [1.0] * 2, 1)
-    assert not contradicting(told[:1], [1.1], [1.0], 1)
+    assert not contradicting(estimated, [1.01] * 2, [1.0] * 2, 1)
+    assert not contradicting(estimated[:1], [1.1], [1.0], 1)
 
 
 def test_samples_are_shares_with_the_prior_of_the_parameters() -> None:
@@ -154,8 +154,8 @@ def test_samples_are_shares_with_the_prior_of_the_parameters() -> None:
         for name, sd in (("a", 0.1), ("b", 0.2))
     ]
     pull = np.array([8.0, 0.0])
-    told = Told(np.zeros(2), np.diag(pull), pull, pull[None], np.diag(pull))
-    found = posterior_of(parameters, told, 1)
+    estimated = Estimated(np.zeros(2), np.diag(pull), pull, pull[None], np.diag(pull))
+    found = posterior_of(parameters, estimated, 1)
     one, other = fitted_parameters(parameters, found)
     # Of the first the rocks know more than the prior: a third of its width, and a value above it.
     assert one.identified and one.narrowed == pytest.approx(1.0 / 3.0, abs=0.03)
