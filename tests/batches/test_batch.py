@@ -137,9 +137,9 @@ def test_a_part_that_paths_leave_is_made_wider(
     )  # fmt: skip
     own(tmp_path / "narrow")
     rim_cells = batch_window.rim_cells
-    monkeypatch.setattr(batch_window, "rim_cells", lambda run, width: rim_cells(run, width) + 200)
+    monkeypatch.setattr(batch_window, "rim_cells", lambda run, width: rim_cells(run, width) + 420)
     own(tmp_path / "wide")
-    assert any("Repeating on a wider one" in text for text in said)
+    assert any("Repeating on a wider one" in text for text in said), said
     wide, narrow = (tmp_path / f / "areas" / "nord" for f in ("wide", "narrow"))
     cells = [json.loads((f / "area.json").read_text()) for f in (wide, narrow)]
     assert cells[0]["n_rows"] * cells[0]["n_cols"] > cells[1]["n_rows"] * cells[1]["n_cols"]
