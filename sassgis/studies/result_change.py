@@ -12,7 +12,7 @@ import numpy as np
 import shapely
 
 from sassgis.grid import FloatArray, IntArray
-from sassgis.hazard.sampling_error import SampledRates, beyond_sampling
+from sassgis.hazard.significance import SampledRates, beyond_sampling
 from sassgis.settings.languages import joined, phrase
 from sassgis.settings.results import short
 from sassgis.studies.stored_result import StoredResult

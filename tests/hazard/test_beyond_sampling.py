@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from sassgis.hazard.sampling_error import SampledRates, beyond_sampling, chance_of_difference
+from sassgis.hazard.significance import SampledRates, beyond_sampling, chance_of_difference
 
 
 def shares(counts: np.ndarray, blocks: int, of_a_block: float | None = None) -> SampledRates:

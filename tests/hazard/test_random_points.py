@@ -13,7 +13,7 @@ from sassgis.grid import FloatArray, IntArray
 from sassgis.hazard.curves import hazard_curves, rate_interval, wide_variance
 from sassgis.hazard.design import arrivals, value_limits
 from sassgis.hazard.risk import RiskTable
-from sassgis.hazard.sampling_error import SampledRates, chance_of_difference
+from sassgis.hazard.significance import SampledRates, chance_of_difference
 from sassgis.hazard.sources import Sampled
 from sassgis.inputs.presets import read_preset
 from sassgis.settings.hazard_rules import Source, SourceCounts
