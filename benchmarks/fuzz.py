@@ -36,8 +36,9 @@ from sassgis.errors import SassgisError
 from sassgis.files.saved_arrays import write_saved
 from sassgis.gap.fit.linear_fit import Trial
 from sassgis.inputs.config import load_config, resolved
-from sassgis.inputs.csv_table import read_frequencies, read_profile
+from sassgis.inputs.csv_table import read_profile
 from sassgis.inputs.dem import read_dem
+from sassgis.inputs.frequencies import read_frequencies
 from sassgis.inputs.ground_map import PARAMETERS, built_in_table, read_ground_table
 from sassgis.inputs.objects import read_objects, read_vulnerability
 from sassgis.inputs.observation_files import read_observations

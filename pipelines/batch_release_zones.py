@@ -19,7 +19,7 @@ import rasterio
 
 from sassgis.batches.batch import batch
 from sassgis.errors import SassgisError
-from sassgis.outputs.zone_tables import write_table
+from sassgis.outputs.frames import write_table
 
 
 def shares(mosaic: Path) -> pd.DataFrame:

@@ -18,8 +18,8 @@ import numpy as np
 import pandas as pd
 
 from sassgis.errors import SassgisError
+from sassgis.outputs.frames import write_table
 from sassgis.outputs.site_template import sample_folder
-from sassgis.outputs.zone_tables import write_table
 from sassgis.report.figures import profile_figure, save, station_figure
 from sassgis.report.map_report import profile_panel
 from sassgis.runs.profile_run import run_profile

@@ -19,7 +19,7 @@ import pandas as pd
 
 from sassgis.errors import SassgisError
 from sassgis.inputs.config import load_config
-from sassgis.outputs.zone_tables import write_table
+from sassgis.outputs.frames import write_table
 from sassgis.runs.run import run
 
 

@@ -40,8 +40,8 @@ if TYPE_CHECKING:
     from sassgis.inputs.config import configure as configure
     from sassgis.inputs.config import load_config as load_config
     from sassgis.inputs.dem import read_dem as read_dem
+    from sassgis.outputs.config_template import save_config as save_config
     from sassgis.outputs.site_template import sample_folder as sample_folder
-    from sassgis.outputs.site_template import save_config as save_config
     from sassgis.runs.calibrate import calibrate as calibrate
     from sassgis.runs.check_inputs import check_inputs as check_inputs
     from sassgis.runs.compare import compare as compare
@@ -74,7 +74,8 @@ __version__ = "0.1.0"
 _NAMES = {
     "inputs.config": "configure load_config",
     "inputs.dem": "read_dem",
-    "outputs.site_template": "sample_folder save_config",
+    "outputs.config_template": "save_config",
+    "outputs.site_template": "sample_folder",
     "errors": "ConfigError InputError Interrupted OutputError SassgisError",
     "settings.exposure": "ObjectSettings RiskSettings",
     "grid": "Grid",

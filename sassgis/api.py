@@ -36,7 +36,7 @@ if TYPE_CHECKING:
     import geopandas as gpd
     import xarray as xr
 
-    from sassgis.outputs.zone_tables import ProfileTables
+    from sassgis.outputs.frames import ProfileTables
 
 #: A mapping of keys to values, as a section of the configuration file.
 Section = Mapping[str, Any]
@@ -282,7 +282,7 @@ def hazard_maps(
         ``hazard_level``, ``intensity_<years>``, ``energy_at_return_period_e<years>``,
         ``return_period_t<kJ>``, ``frequency_...``, ``confidence_...``.
     """
-    from sassgis.outputs.layers.maps import hazard_layers
+    from sassgis.outputs.layers.hazard_maps import hazard_layers
     from sassgis.outputs.map_dataset import maps_dataset
 
     own, grid, hazard = _assessed(ds, rules, confidence, {})
@@ -364,7 +364,7 @@ def profile(
 
 
 def _tables(config: Config, found: ProfileInput, n_blocks: int | None) -> ProfileTables:
-    from sassgis.outputs.zone_tables import profile_tables
+    from sassgis.outputs.frames import profile_tables
 
     result = simulate_profile(config, found, rocks=n_blocks)
     return profile_tables(result, [b.name for b in config.blocks])

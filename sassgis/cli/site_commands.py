@@ -210,7 +210,7 @@ def init(
         return
     from sassgis.files.atomic_output import write_new
     from sassgis.inputs.site_layers import start_keys, with_system, with_values
-    from sassgis.outputs.site_template import config_template, short_template
+    from sassgis.outputs.config_template import config_template, short_template
     from sassgis.runs.inputs import collected_notices
 
     asked = with_values(start_keys(file.parent, dem, release), settings)

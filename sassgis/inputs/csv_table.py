@@ -1,4 +1,4 @@
-"""Small tables that people write: rows with numbers for messages, profiles, onset frequencies."""
+"""Small tables that people write, with row numbers for messages; profiles from them."""
 
 from __future__ import annotations
 
@@ -8,24 +8,23 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import partial
-from pathlib import Path
-from typing import Any, get_args
+from typing import Any
 
 import numpy as np
 
 from sassgis.errors import ConfigError, InputError, notice
 from sassgis.files.plain_file import check_text, number, read_text
-from sassgis.hazard.volume_frequency import BlockSurvey
 from sassgis.inputs.config import profile_control_lines
 from sassgis.inputs.vector_features import nearest
 from sassgis.settings.ground import GroundTable
-from sassgis.settings.hazard_rules import Onset, OnsetUnit
 from sassgis.settings.map_run import Config
 from sassgis.settings.results import ProfileSet
 from sassgis.settings.schema import Input, composed
 
 #: Far more than any table has; each takes long to be compared with those that are known.
 _MOST_COLUMNS = 1000
+
+
 _TRUTH = {"true": True, "yes": True, "1": True, "false": False, "no": False, "0": False}
 
 
@@ -215,80 +214,3 @@ def check_on_profile(config: Config, profile: ProfileSet) -> None:
             section = "stations" if control_line.kind == "station" else "barriers"
             field = f"{section}[{control_line.name}].chainage_m"
             raise wrong("lies off the profile", field=field, found=f"{chainage:g}")
-
-
-def read_frequencies(
-    file: Input, areas: Sequence[str], scenarios: Sequence[str]
-) -> dict[tuple[str, str], Onset]:
-    """Read onset frequencies by release area and block scenario.
-
-    The CSV has the columns area, scenario, frequency, unit (per_year, per_year_ha, per_year_m);
-    ``areas`` and ``scenarios`` are the names that there are.
-    """
-    columns = {
-        "area": CsvColumn(known=areas),
-        "scenario": CsvColumn(known=scenarios),
-        "frequency": CsvColumn(float, low=0.0),
-        "unit": CsvColumn(known=get_args(OnsetUnit)),
-    }
-    found: dict[tuple[str, str], Onset] = {}
-    what = "a CSV table of onset frequencies"
-    for where, row in read_table(file, "hazard.frequencies", what, columns):
-        key = row["area"], row["scenario"]
-        if key in found:
-            raise InputError(
-                f"{where}: area and scenario turn up twice", file=file, field="scenario",
-                found=", ".join(key), expected="one row for each",
-            )  # fmt: skip
-        found[key] = Onset(row["frequency"], row["unit"])
-    return found
-
-
-_LIST, _CLASSES = ("volume_m3",), ("from_m3", "to_m3", "count")
-
-
-def read_block_survey(file: Path) -> tuple[BlockSurvey, tuple[str, ...]]:
-    """Read a list of block volumes, or counts of blocks by class of volume.
-
-    The CSV has the column volume_m3 and, if one row is several blocks, count; or from_m3, to_m3
-    (empty in an open class) and count. Other columns are left out, and returned as well.
-    """
-    text = read_text(file, "blocks", "a CSV table of block volumes")
-    columns, _, _ = csv_cells(text, file)
-    needed = _CLASSES if "from_m3" in columns else _LIST
-    read = {*needed, "count"}
-    wrong = partial(InputError, file=file)
-    for name in needed:
-        if name not in columns:
-            found = ", ".join(columns) or "nothing"
-            expected = f"{_LIST[0]}, or {', '.join(_CLASSES[:-1])} and {_CLASSES[-1]}"
-            raise wrong("row 1: missing column", field=name, found=found, expected=expected)
-    others = tuple(c for c in columns if c not in read)
-    numbers = {**dict.fromkeys(needed, CsvColumn(float)), "count": CsvColumn(float, default=1.0)}
-    rows = []
-    for where, row in csv_rows(text, file, numbers | dict.fromkeys(others, CsvColumn(default=""))):
-        value = partial(_at_least, row=row, where=where, file=file)
-        low = high = value(needed[0], 0.0)
-        if needed is _CLASSES:
-            high = value("to_m3", low) if row["to_m3"] else math.inf
-        rows.append((low, high, value("count", 0.0) if "count" in columns else 1.0))
-    if not rows:
-        raise wrong("has no blocks", expected="one row for each block or class")
-    low, high, count = np.array(sorted(rows)).T
-    if needed is _CLASSES and (high[:-1] > low[1:]).any():
-        at = int(np.argmax(high[:-1] > low[1:]))
-        found = f"{high[at]:g}, and the next from {low[at + 1]:g}"
-        expected = "classes one above the other"
-        raise wrong("classes overlap", field="to_m3", found=found, expected=expected)
-    return BlockSurvey(low, high, count), others
-
-
-def _at_least(column: str, least: float, row: Mapping[str, str], where: str, file: Path) -> float:
-    """Return a volume above a least one, which is none itself, or a count."""
-    found = number(row[column], where, column, file)
-    if found < least or (column != "count" and found <= 0.0):
-        raise InputError(
-            f"{where}: cannot be used", file=file, field=column, found=row[column],
-            expected="0 or more" if column == "count" else f"a volume above {least:g} m3",
-        )  # fmt: skip
-    return found

@@ -21,10 +21,10 @@ from sassgis.gap.words import effect_name, file_has
 from sassgis.inputs.config import load_config
 from sassgis.inputs.ground_map import read_ground_table
 from sassgis.inputs.in_memory import classes_frame
+from sassgis.outputs.config_template import written_document
 from sassgis.outputs.geopackage import write_geopackage
 from sassgis.outputs.layers import gap_map
 from sassgis.outputs.manifest import plain
-from sassgis.outputs.site_template import written_document
 from sassgis.settings.blocks import ForestPlace
 from sassgis.settings.ground import PARAMETERS, GroundClass, GroundTable
 from sassgis.settings.map_run import Config

@@ -21,7 +21,7 @@ from sassgis.grid import Grid
 from sassgis.inputs.dem import affine_of
 from sassgis.outputs.layers.maps import terrain_layer
 from sassgis.outputs.qgis.entries import LayerEntry, LayerGroup, qml
-from sassgis.outputs.qgis.run_project import write_project
+from sassgis.outputs.qgis.project import write_project
 from sassgis.settings.results import Band, RasterLayer
 from sassgis.settings.styles import HILLSHADE, PICTURE, class_tint, rgb, zero_is_nothing
 

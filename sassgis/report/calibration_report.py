@@ -16,7 +16,7 @@ from sassgis.report import page
 from sassgis.report.figures.gap_figures import parameters_figure, quantity_curves_figure
 from sassgis.report.gap_answer import interval_text
 from sassgis.report.gap_report import FEW_ROCKS
-from sassgis.report.page import picture
+from sassgis.report.pictures import picture
 from sassgis.settings.languages import joined, phrase, translated
 from sassgis.settings.results import ground_name
 

@@ -11,14 +11,8 @@ import sassgis
 from sassgis.report import figures, page
 from sassgis.report.figures import MapMarks
 from sassgis.report.map_report import Lines, release_outlines
-from sassgis.report.page import (
-    ReportContext,
-    ReportTable,
-    map_pictures,
-    picture,
-    sensible,
-    table_of,
-)
+from sassgis.report.page import ReportContext, ReportTable, sensible, table_of
+from sassgis.report.pictures import map_pictures, picture
 from sassgis.settings.languages import joined, named, phrase, translated
 from sassgis.settings.map_run import MapRun
 from sassgis.settings.results import RasterLayer, ground_name

@@ -31,15 +31,8 @@ from sassgis.report.figures.gap_figures import (
     gap_map_figure,
     gap_where_figure,
 )
-from sassgis.report.page import (
-    Cell,
-    ReportContext,
-    ReportFigure,
-    ReportTable,
-    picture,
-    sensible,
-    table_of,
-)
+from sassgis.report.page import Cell, ReportContext, ReportFigure, ReportTable, sensible, table_of
+from sassgis.report.pictures import picture
 from sassgis.settings.ground import PARAMETERS, GroundTable
 from sassgis.settings.languages import Phrase, capital, joined, phrase, translated
 from sassgis.settings.results import ground_name

@@ -18,18 +18,8 @@ from sassgis.hazard.sources import ReachAngles
 from sassgis.hazard.warnings import ground_shares, sample_words
 from sassgis.report import figures
 from sassgis.report.figures.map_marks import MapObject
-from sassgis.report.page import (
-    Cell,
-    ReportContext,
-    ReportFigure,
-    ReportTable,
-    map_alt,
-    path_alt,
-    picture,
-    sensible,
-    station_alt,
-    table_of,
-)
+from sassgis.report.page import Cell, ReportContext, ReportFigure, ReportTable, sensible, table_of
+from sassgis.report.pictures import map_alt, path_alt, picture, station_alt
 from sassgis.settings.ground import TRUST_TEXT
 from sassgis.settings.languages import joined, named, phrase
 from sassgis.settings.map_run import MapRun

@@ -1,33 +1,23 @@
-"""The report: one HTML file that can be mailed, printed and read alone, and its pictures."""
+"""The report: one HTML file that can be mailed, printed and read without anything else."""
 
 from __future__ import annotations
 
 import base64
 import math
-from collections.abc import Iterable, Mapping, Sequence
-from concurrent.futures import CancelledError
-from contextvars import ContextVar
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cache
 from os import PathLike
 from pathlib import Path
-from threading import Event
 from typing import Any
 
 import numpy as np
 from jinja2 import Environment, PackageLoader, StrictUndefined, Template
-from matplotlib.figure import Figure
 
 from sassgis.errors import OutputError
-from sassgis.grid import Grid
 from sassgis.hazard.warnings import SetUp
-from sassgis.report.figures.map_figure import class_numbers, map_figure, shown_values
-from sassgis.report.figures.map_marks import MapMarks
-from sassgis.report.figures.style import to_png
-from sassgis.settings.languages import current_language, joined, phrase, translated, with_translated
-from sassgis.settings.results import RasterLayer, power_of_ten
-from sassgis.settings.styles import class_labels
-from sassgis.simulation.path_sample import LinePaths
+from sassgis.settings.languages import current_language, translated, with_translated
+from sassgis.settings.results import power_of_ten
 
 #: What a cell of a table may hold; numbers are written with sensible digits, None as a dash.
 Cell = str | int | float | np.integer[Any] | np.floating[Any] | None
@@ -247,80 +237,3 @@ def write_report(path: str | PathLike[str], context: ReportContext) -> Path:
         reason = error.strerror or str(error)
         raise OutputError(f"{target}: the report cannot be written ({reason})") from error
     return target
-
-
-#: Set where the figures are drawn next to other work, which may fail or be stopped.
-GIVEN_UP: ContextVar[Event | None] = ContextVar("given_up", default=None)
-
-
-def picture(
-    folder: Path, name: str, title: str, caption: str, figure: Figure, alt: str = ""
-) -> ReportFigure:
-    """Save a figure as ``<name>.png`` for a report; CancelledError if nobody waits any more."""
-    if (given_up := GIVEN_UP.get()) is not None and given_up.is_set():
-        raise CancelledError
-    png = to_png(figure)
-    folder.mkdir(parents=True, exist_ok=True)
-    (folder / f"{name}.png").write_bytes(png)
-    return ReportFigure(title, caption, png, alt)
-
-
-def map_pictures(
-    folder: Path, grid: Grid, layers: Sequence[RasterLayer], marks: MapMarks
-) -> tuple[ReportFigure, ...]:
-    """Draw layers as maps, those that hold anything."""
-    return tuple(
-        picture(
-            folder, f"map_{layer.stem}", layer.title, layer.note, map_figure(grid, layer, marks),
-            map_alt(grid, layer),
-        )
-        for layer in layers
-        if np.isfinite(layer.bands[0].values).any()
-    )  # fmt: skip
-
-
-def map_alt(grid: Grid, layer: RasterLayer) -> str:
-    """List classes of the first band with areas, the highest first, and the largest value."""
-    band = layer.bands[0]
-    values = shown_values(band)
-    if layer.classes:
-        ordered = sorted(layer.classes, key=lambda entry: -entry.value)
-        areas = [(c.label, int((values == c.value).sum())) for c in ordered]
-    else:
-        number = class_numbers(values, layer.breaks) if layer.breaks else np.zeros_like(values)
-        labels = class_labels(layer.breaks, band.unit) if layer.breaks else ["any value"]
-        areas = [(label, int((number == k).sum())) for k, label in enumerate(labels)][::-1]
-    shown = classes_alt(layer.title, [(label, n * grid.cell_size**2) for label, n in areas])
-    if layer.classes or not np.isfinite(values).any():
-        return shown
-    return phrase("{} Largest value {}.", shown, sensible(float(np.nanmax(values))))
-
-
-def classes_alt(title: str, areas: Sequence[tuple[str, float]]) -> str:
-    """Return a map of classes, with their names and areas (m²)."""
-    parts = [phrase("{} on {} m²", phrase(name), sensible(round(m2))) for name, m2 in areas if m2]
-    shown = joined(", ", parts) if parts else phrase("no values")
-    return phrase("Map over shaded relief, {}: {}.", phrase(title), shown)
-
-
-def path_alt(shown: LinePaths) -> str:
-    """Return a profile with paths of blocks."""
-    end = float(shown.stops.max())
-    low = float(np.interp(end, shown.s, shown.z))
-    names = ", ".join(line.name for line, chainage in shown.control_lines if chainage <= end)
-    section = phrase(
-        "Vertical section from {} m down to {} m over {} m in plan. Paths drawn: {}.",
-        *(f"{x:.0f}" for x in (shown.z[0], low, end)),
-        len(shown.paths),
-    )
-    return joined(" ", (section, phrase("It crosses {}.", names))) if names else section
-
-
-def station_alt(row: Mapping[str, Any]) -> str:
-    """Return histograms at a station or barrier; ``row`` of control_line_rows."""
-    keys = ("rocks", "speed_mps_q95", "rotation_hz_q95", "height_m_q95")
-    return phrase(
-        "Histograms of speed, rotation and passing height of {} blocks: 95 % of them below {} m/s, "
-        "{} Hz and {} m.",
-        *(sensible(row[key]) for key in keys),
-    )

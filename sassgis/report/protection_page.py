@@ -21,7 +21,8 @@ from sassgis.hazard.sources import Sampled
 from sassgis.hazard.zoning.coverage import Coverage
 from sassgis.report import figures, page
 from sassgis.report.figures.map_marks import MapObject
-from sassgis.report.page import Cell, ReportTable, heads, picture, sensible, table_of
+from sassgis.report.page import Cell, ReportTable, heads, sensible, table_of
+from sassgis.report.pictures import picture
 from sassgis.settings.exposure import PlacedObjects
 from sassgis.settings.hazard_rules import HazardLevel
 from sassgis.settings.languages import current_language, joined, phrase, translated

@@ -20,17 +20,8 @@ from sassgis.hazard.zoning.applied_edits import shares_text
 from sassgis.hazard.zoning.coverage import Coverage
 from sassgis.report import figures
 from sassgis.report.map_report import map_marks
-from sassgis.report.page import (
-    Cell,
-    ReportFigure,
-    ReportTable,
-    classes_alt,
-    heads,
-    map_alt,
-    picture,
-    sensible,
-    table_of,
-)
+from sassgis.report.page import Cell, ReportFigure, ReportTable, heads, sensible, table_of
+from sassgis.report.pictures import classes_alt, map_alt, picture
 from sassgis.report.protection_page import limited, map_objects
 from sassgis.settings.hazard_rules import LIMIT_TEXT, HazardPreset
 from sassgis.settings.languages import joined, phrase

@@ -41,6 +41,7 @@ from sassgis.gap.observations.case import Case, case_of, classes_met, drop_and_d
 from sassgis.inputs.config import as_named, settings_hash
 from sassgis.inputs.ground_map import read_ranges
 from sassgis.inputs.observation_files import AnyObservations, observation_source, read_observations
+from sassgis.outputs.frames import write_table
 from sassgis.outputs.gap_files import (
     FITTED_NAME,
     write_calibrated_config,
@@ -49,7 +50,6 @@ from sassgis.outputs.gap_files import (
 )
 from sassgis.outputs.layers.variant_layers import rule_table
 from sassgis.outputs.manifest import write_manifest
-from sassgis.outputs.zone_tables import write_table
 from sassgis.report.calibration_report import calibration_report, calibration_warnings
 from sassgis.report.page import translated_report, write_report
 from sassgis.runs.draw_store import DrawStore

@@ -9,6 +9,7 @@ from sassgis.errors import ConfigError
 from sassgis.files.atomic_output import MANIFEST_NAME, staged_output
 from sassgis.inputs.config import load_config
 from sassgis.inputs.result_folder import read_result
+from sassgis.outputs.frames import write_table
 from sassgis.outputs.geopackage import write_geopackage
 from sassgis.outputs.layers.variant_layers import (
     change_layers,
@@ -20,7 +21,6 @@ from sassgis.outputs.layers.variant_layers import (
 from sassgis.outputs.manifest import write_manifest
 from sassgis.outputs.qgis.entries import LayerEntry
 from sassgis.outputs.raster import write_over_relief
-from sassgis.outputs.zone_tables import write_table
 from sassgis.report.change_report import change_figures, change_report
 from sassgis.report.page import translated_report, write_report
 from sassgis.runs.inputs import cells_of_wholes, input_files, placed_objects

@@ -18,8 +18,9 @@ from sassgis.hazard.assess import Rules
 from sassgis.hazard.sources import onset_frequencies
 from sassgis.hazard.zoning.coverage import check_cells
 from sassgis.inputs.config import FILE_KEYS, profile_control_lines
-from sassgis.inputs.csv_table import check_on_profile, read_frequencies, read_profile
+from sassgis.inputs.csv_table import check_on_profile, read_profile
 from sassgis.inputs.dem import lone_zeros, read_base_map
+from sassgis.inputs.frequencies import read_frequencies
 from sassgis.inputs.ground_map import default_class, ground_raster, read_forest, read_ground_table
 from sassgis.inputs.objects import joined_objects, object_cells, read_objects, read_vulnerability
 from sassgis.inputs.presets import read_preset

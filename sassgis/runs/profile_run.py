@@ -17,7 +17,7 @@ from sassgis.files.atomic_output import staged_output
 from sassgis.grid import FloatArray, IntArray
 from sassgis.hazard.warnings import profile_warnings
 from sassgis.inputs.vectors import read_line
-from sassgis.outputs.zone_tables import profile_tables, write_table
+from sassgis.outputs.frames import profile_tables, write_table
 from sassgis.report.map_report import profile_report
 from sassgis.report.page import ReportContext, in_short, translated_report, write_report
 from sassgis.runs.inputs import collected_notices, profile_from_csv, read_map_run

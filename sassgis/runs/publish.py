@@ -23,6 +23,7 @@ from sassgis.hazard.warnings import ground_shares
 from sassgis.hazard.zoning.applied_edits import shares_text
 from sassgis.inputs.dem import read_base_map
 from sassgis.inputs.result_folder import EDITS_FILE, RESULT_FILE, ZONE_FILE
+from sassgis.outputs.frames import passage_frame, rock_frame, write_table
 from sassgis.outputs.geopackage import write_geopackage
 from sassgis.outputs.layers import run_vectors
 from sassgis.outputs.layers.maps import map_layers, terrain_layer
@@ -38,21 +39,19 @@ from sassgis.outputs.qgis import run_project
 from sassgis.outputs.qgis.entries import LayerEntry, LayerGroup
 from sassgis.outputs.qgis.layout import Extent, PrintLayout
 from sassgis.outputs.raster import write_raster
-from sassgis.outputs.zone_tables import passage_frame, rock_frame, write_table
 from sassgis.report.change_report import spread_lines, spread_table
 from sassgis.report.map_page import Contribution, MapHazard, PlaceFacts, Rows, write_map_page
 from sassgis.report.map_report import Lines, map_marks, map_report, object_lines, run_lines
 from sassgis.report.page import (
-    GIVEN_UP,
     ReportContext,
     ReportFigure,
     ReportTable,
     first_warnings,
-    map_pictures,
     sensible,
     translated_report,
     write_report,
 )
+from sassgis.report.pictures import GIVEN_UP, map_pictures
 from sassgis.report.protection_page import (
     PAGE_NAME,
     ProtectionSheet,

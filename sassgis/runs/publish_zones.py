@@ -21,7 +21,7 @@ from sassgis.hazard.warnings import (
     zone_warnings,
 )
 from sassgis.outputs.layers import zones as zone_layers
-from sassgis.outputs.layers.maps import hazard_layers
+from sassgis.outputs.layers.hazard_maps import hazard_layers
 from sassgis.outputs.layers.risk_objects import risk_tables, risk_vectors
 from sassgis.outputs.qgis.run_project import onset_words, zone_groups, zone_layouts
 from sassgis.outputs.swiss.federal_model import federal_layers

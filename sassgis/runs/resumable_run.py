@@ -13,7 +13,7 @@ from sassgis.files.digests import value_digest
 from sassgis.files.plain_file import seen_from
 from sassgis.hazard.warnings import release_warnings, simulation_warnings
 from sassgis.inputs.config import configure, load_config
-from sassgis.outputs.zone_tables import require_parquet
+from sassgis.outputs.frames import require_parquet
 from sassgis.runs.inputs import collected_notices, input_digests, read_map_run
 from sassgis.settings.languages import named, phrase
 from sassgis.settings.map_run import BlockRows, Config, MapRun, Round

@@ -17,8 +17,8 @@ from sassgis.hazard.volume_frequency import (
     fit_test,
     higher_thresholds,
 )
-from sassgis.inputs.csv_table import read_block_survey
-from sassgis.outputs.site_template import toml_value
+from sassgis.inputs.frequencies import read_block_survey
+from sassgis.outputs.config_template import toml_value
 from sassgis.settings.hazard_rules import OnsetUnit
 
 #: Below this p a power law is in doubt (Clauset, Shalizi and Newman 2009; not checked against the

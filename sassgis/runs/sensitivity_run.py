@@ -13,6 +13,7 @@ from sassgis.files.atomic_output import staged_output
 from sassgis.hazard.assess import Rules
 from sassgis.hazard.warnings import rule_warnings
 from sassgis.inputs.ground_map import read_ranges
+from sassgis.outputs.frames import write_table
 from sassgis.outputs.layers.variant_layers import (
     answer_table,
     effect_table,
@@ -20,7 +21,6 @@ from sassgis.outputs.layers.variant_layers import (
     sensitivity_layers,
 )
 from sassgis.outputs.raster import write_over_relief
-from sassgis.outputs.zone_tables import write_table
 from sassgis.report.change_report import sensitivity_report
 from sassgis.report.page import translated_report, write_report
 from sassgis.runs.inputs import read_rules, states_frequencies

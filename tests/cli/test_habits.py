@@ -19,7 +19,7 @@ from helpers.small_slope import Slope
 from sassgis import errors
 from sassgis.cli.entry import cli
 from sassgis.inputs.config import config_schema, declared_sections
-from sassgis.outputs.site_template import config_template
+from sassgis.outputs.config_template import config_template
 
 
 def commands(

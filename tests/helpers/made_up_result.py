@@ -24,7 +24,7 @@ from sassgis.hazard.levels import (
 from sassgis.outputs.geopackage import write_geopackage
 from sassgis.outputs.qgis.entries import LayerEntry, LayerGroup
 from sassgis.outputs.qgis.layout import PrintLayout
-from sassgis.outputs.qgis.run_project import write_project
+from sassgis.outputs.qgis.project import write_project
 from sassgis.outputs.raster import write_raster
 from sassgis.settings.hazard_rules import HazardPreset
 from sassgis.settings.results import Band, RasterClass, RasterLayer

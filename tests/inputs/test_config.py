@@ -24,7 +24,7 @@ from sassgis.inputs.config import (
     resolved,
     settings_hash,
 )
-from sassgis.outputs.site_template import config_template
+from sassgis.outputs.config_template import config_template
 from sassgis.settings.blocks import BlockPopulation
 from sassgis.settings.map_run import Config
 from sassgis.settings.settings import EngineSettings

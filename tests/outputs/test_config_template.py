@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from sassgis.inputs.config import declared_sections, load_config, resolved
-from sassgis.outputs.site_template import config_template, short_template
+from sassgis.outputs.config_template import config_template, short_template
 
 GIVEN = [
     ("terrain", {"dem": "tiles"}),

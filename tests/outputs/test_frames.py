@@ -9,7 +9,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from sassgis.outputs.zone_tables import passage_frame, rock_frame, without_formulas, write_table
+from sassgis.outputs.frames import passage_frame, rock_frame, without_formulas, write_table
 from sassgis.settings.map_run import BlockRows
 from sassgis.settings.results import PASSAGE_DTYPE, ROCK_DTYPE
 from sassgis.simulation.accumulators import joined_rows

@@ -11,7 +11,7 @@ from sassgis.hazard.curves import energy_at, rate_interval
 from sassgis.hazard.levels import hazard_level, intensity_class
 from sassgis.hazard.sampling_error import rocks_factor
 from sassgis.inputs.presets import preset_names, read_preset
-from sassgis.outputs.layers.maps import hazard_layers
+from sassgis.outputs.layers.hazard_maps import hazard_layers
 from sassgis.settings.hazard_rules import HazardCurves, HazardPreset
 from sassgis.settings.results import Band, RasterLayer
 

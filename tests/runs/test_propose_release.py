@@ -15,7 +15,7 @@ from sassgis.inputs.config import load_config
 from sassgis.inputs.site_layers import start_keys
 from sassgis.inputs.tiles import read_terrain
 from sassgis.inputs.vectors import read_release
-from sassgis.outputs.site_template import short_template
+from sassgis.outputs.config_template import short_template
 
 ROWS, COLS = 60, 160
 #: Columns of the cliff, and of an outcrop on the slope.

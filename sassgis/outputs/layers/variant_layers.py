@@ -16,10 +16,10 @@ from sassgis.grid import Grid
 from sassgis.hazard.assess import raster
 from sassgis.hazard.levels import LEVEL_CHANGES
 from sassgis.hazard.zoning.coverage import Coverage
+from sassgis.outputs.frames import same, table_of
 from sassgis.outputs.layers.maps import described_band, described_raster, level_classes, on_grid
 from sassgis.outputs.layers.run_vectors import cell_outlines, footprints
 from sassgis.outputs.layers.zones import change_table, changes, level_changes
-from sassgis.outputs.zone_tables import same, table_of
 from sassgis.settings.ground import ParameterRange, RangeRule
 from sassgis.settings.hazard_rules import HazardPreset
 from sassgis.settings.languages import phrase

@@ -2,17 +2,13 @@
 
 from __future__ import annotations
 
-import zipfile
 from collections.abc import Sequence
 from dataclasses import replace
-from io import BytesIO
 from pathlib import Path
 
 import numpy as np
 import shapely
-from pyproj import CRS
 
-from sassgis.files.atomic_output import writing
 from sassgis.files.plain_file import seen_from
 from sassgis.files.vector_layer import VectorLayer
 from sassgis.grid import Grid
@@ -21,100 +17,22 @@ from sassgis.hazard.levels import unverified_in_short, zone_style
 from sassgis.hazard.warnings import edit_lines, ground_warnings, sample_words
 from sassgis.inputs.dem import BASE_MAP_KEY
 from sassgis.inputs.result_folder import EDITS_FILE
-from sassgis.outputs.qgis.entries import LayerEntry, LayerGroup, document, filled, without_empty
-from sassgis.outputs.qgis.layout import Extent, PrintLayout, layout_element, scale_text
+from sassgis.outputs.qgis.entries import LayerEntry, LayerGroup, without_empty
+from sassgis.outputs.qgis.layout import Extent, PrintLayout, scale_text
+from sassgis.outputs.qgis.project import write_project
 from sassgis.settings.ground import GroundClass
 from sassgis.settings.hazard_rules import HazardPreset
-from sassgis.settings.languages import joined, phrase, translated, with_translated
+from sassgis.settings.languages import joined, phrase
 from sassgis.settings.map_run import MapRun
-from sassgis.settings.process import crs_parts
 from sassgis.settings.results import RasterLayer
 from sassgis.settings.settings import ProjectSettings
 
-_ZIP_TIME = (1980, 1, 1, 0, 0, 0)
-
-
-def write_project(
-    path: Path,
-    *,
-    title: str,
-    crs: str,
-    groups: Sequence[LayerGroup],
-    extent: tuple[float, float, float, float],
-    abstract: str = "",
-    imprint: ProjectSettings | None = None,
-    layouts: Sequence[PrintLayout] = (),
-) -> Path:
-    """Write a QGIS project, a file that ends in ``.qgz``.
-
-    ``crs`` is empty for local coordinates. The first group is drawn on top; the extent (west,
-    south, east, north; m) is shown at first. Each layout is a map sheet, and also a map theme.
-    ValueError if two layers have the same key, two layouts the same name, or one shows a layer that
-    is not there.
-    """
-    groups = [group.translated for group in groups]
-    # The title of a sheet is the user's.
-    layouts = [with_translated(own, "name", "subtitle", "facts", "notes") for own in layouts]
-    entries = [entry for group in groups for entry in group.entries]
-    keys = [entry.key for entry in entries]
-    if len(set(keys)) != len(keys):
-        raise ValueError(f"layers of a project need one name each: {keys}")
-    if len({layout.name for layout in layouts}) != len(layouts):
-        raise ValueError("layouts of a project need one name each")
-    system = _spatial_reference(crs)
-    root = filled(
-        "qgis_project.xml.j2",
-        title=title,
-        crs=system,
-        groups=groups,
-        entries=entries,
-        extent=extent,
-        abstract=translated(abstract),
-        imprint=imprint or ProjectSettings(),
-        layouts=layouts,
-    )
-    shown = {entry.key: entry for entry in entries}
-    sheets = root.find("Layouts")
-    assert sheets is not None
-    code = f" ({system['authid']})" if system["authid"] else ""
-    name = f"{system['description']}{code}"
-    sheets.extend(layout_element(layout, shown, name) for layout in layouts)
-    text = document(root)
-    packed = BytesIO()
-    with zipfile.ZipFile(packed, "w") as archive:
-        entry = zipfile.ZipInfo(f"{path.stem}.qgs", date_time=_ZIP_TIME)
-        entry.compress_type = zipfile.ZIP_DEFLATED
-        entry.external_attr = 0o644 << 16
-        archive.writestr(entry, text.encode("utf-8"))
-    with writing(path):
-        path.parent.mkdir(parents=True, exist_ok=True)
-        path.write_bytes(packed.getvalue())
-    return path
-
-
-def _spatial_reference(crs: str) -> dict[str, str]:
-    """Return QGIS's notes on a system, by tag."""
-    if not crs:
-        return dict.fromkeys(("wkt", "proj4", "authid", "description"), "")
-    # The part of east and north; QGIS 3.22 knows no other.
-    system, _ = crs_parts(CRS.from_user_input(crs))
-    authority = system.to_authority(min_confidence=100)
-    operation = system.coordinate_operation
-    return {
-        "wkt": system.to_wkt(),
-        "proj4": "",
-        "srsid": "0",
-        "srid": authority[1] if authority and authority[1].isdigit() else "0",
-        "authid": ":".join(authority) if authority else "",
-        "description": system.name,
-        "projectionacronym": operation.method_name if operation is not None else "",
-        "ellipsoidacronym": "",
-        "geographicflag": "true" if system.is_geographic else "false",
-    }
-
-
 _VECTORS = "hazard.gpkg"
+
+
 _EXPOSED = ("exposed_points", "exposed_areas", "exposed_lines")
+
+
 #: Layers of ``result.gpkg`` on every sheet, the top first.
 _ON_SHEETS = ("barriers", "release_areas", *_EXPOSED)
 

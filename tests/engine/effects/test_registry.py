@@ -14,7 +14,7 @@ from sassgis.engine.effects.registry import EFFECTS, Effect
 from sassgis.errors import ConfigError
 from sassgis.inputs import config as reader
 from sassgis.inputs.config import load_config, resolved
-from sassgis.outputs.site_template import config_template
+from sassgis.outputs.config_template import config_template
 from sassgis.settings.blocks import EffectSection, EffectSettings
 
 CONFIG = """

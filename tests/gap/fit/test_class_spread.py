@@ -20,8 +20,8 @@ from sassgis.gap.fit.class_calibration import (
 )
 from sassgis.gap.fit.parameters import RANGES, ClassParameter, Estimated
 from sassgis.inputs.ground_map import built_in_table, read_ranges
+from sassgis.outputs.frames import write_table
 from sassgis.outputs.layers.variant_layers import rule_table
-from sassgis.outputs.zone_tables import write_table
 from sassgis.settings.ground import ranges_of
 
 VALUES, ERRORS = np.array([0.55, 0.70, 0.48]), np.array([0.03, 0.05, 0.02])

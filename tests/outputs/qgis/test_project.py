@@ -18,7 +18,7 @@ from matplotlib.colors import to_rgb
 
 from sassgis.hazard.levels import ZONE_OPACITY
 from sassgis.outputs.qgis.entries import LayerEntry, LayerGroup
-from sassgis.outputs.qgis.run_project import write_project
+from sassgis.outputs.qgis.project import write_project
 from sassgis.settings.statistics_table import STATISTICS, Statistic
 from sassgis.settings.styles import RASTER_OPACITY, class_colours, class_labels
 

@@ -13,7 +13,8 @@ from helpers.small_slope import CELL, COLS, NORTH, ROWS, WEST, Slope, heights
 from sassgis.inputs.config import load_config
 from sassgis.inputs.ground_map import built_in_table
 from sassgis.inputs.site_layers import site_layers, start_keys
-from sassgis.outputs.site_template import short_template, site_template
+from sassgis.outputs.config_template import short_template
+from sassgis.outputs.site_template import site_template
 from sassgis.runs.check_inputs import check_inputs
 
 PROBE = Path(__file__).with_name("site_probe.py")
