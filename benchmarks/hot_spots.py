@@ -25,12 +25,11 @@ import slope
 
 #: Modules of the engine by what they do; all others are "the rest".
 PARTS = {
-    "search for contacts": ("contact.py", "touching.py"),
-    "sines and cosines, most of them for contacts": ("angles.py",),
+    "search for contacts": ("contact.py", "ellipse_contact.py"),
     "impacts and landing": ("impact.py", "landing.py", "flight.py", "ellipse.py"),
     "rolling and sliding": ("rolling.py", "ground_motion.py"),
     "statistics of cells": ("statistics.py", "recording.py", "cell_register.py"),
-    "the ground ahead of a followed path": ("path.py", "path_behind.py", "cell_geometry.py"),
+    "the ground ahead of a followed path": ("ground_ahead.py", "ground_behind.py", "cells.py"),
     "headings": ("heading.py",),
 }
 

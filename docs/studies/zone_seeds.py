@@ -25,7 +25,8 @@ from sassgis.grid import Grid
 from sassgis.hazard.assess import curves_of, level_zones, raster, zone_of_cells
 from sassgis.hazard.curves import at_energies
 from sassgis.hazard.levels import hazard_level
-from sassgis.hazard.sampling_error import SampledRates, beyond_sampling, level_chances
+from sassgis.hazard.sampling_error import level_chances
+from sassgis.hazard.significance import SampledRates, beyond_sampling
 from sassgis.hazard.sources import sampled_sources
 from sassgis.hazard.zoning.coverage import Coverage
 from sassgis.inputs.config import load_config

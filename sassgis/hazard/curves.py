@@ -210,7 +210,7 @@ def energy_at(curves: HazardCurves, years: float | FloatArray) -> FloatArray:
 def rate_interval(curves: HazardCurves, confidence: float = 0.95) -> tuple[FloatArray, FloatArray]:
     """Compute limits (1/year) between which the rates lie, each of shape (n, n_energies).
 
-    By ``count_error.gamma_interval``: what another sample of blocks would change, and nothing of
+    By ``map_sums.gamma_interval``: what another sample of blocks would change, and nothing of
     the model, its parameters or the onset frequency. ``confidence`` is below 1.
     """
     return gamma_interval(

@@ -82,7 +82,7 @@ class RiskTable:
     def limits(self, quantity: str) -> tuple[FloatArray, FloatArray]:
         """Return limits of a 95 % interval of :meth:`of_object`, given the sample.
 
-        By count_error.gamma_interval, with the variance over the value as what one more of what was
+        By map_sums.gamma_interval, with the variance over the value as what one more of what was
         drawn would add.
         """
         value = self.of_object(quantity)

@@ -11,15 +11,17 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy import special
 
-from sassgis.engine.simulate import Visits
 from sassgis.grid import FloatArray, IntArray
 from sassgis.settings.statistics_table import SUM_NAMES, SUMS, CellSum, Statistic, probability_of
+
+if TYPE_CHECKING:
+    from sassgis.engine.simulate import Visits
 
 
 def count_variance(

@@ -200,9 +200,8 @@ def points_in_polygon(polygon: shapely.Polygon, spacing_m: float) -> tuple[Float
 
     The lattice has coordinates that are whole multiples of the spacing; its points come first, from
     north to south and west to east. Parts narrower than the spacing have as many as their area /
-    spacing², wherever the lattice lies (sassgis.terrain.release). A polygon that would have
-    none has its representative point. Returns places (m), shape (n, 2), and their sides as in
-    ReleasePoints.
+    spacing², wherever the lattice lies (narrow_parts). A polygon that would have none has its
+    representative point. Returns places (m), shape (n, 2), and their sides as in ReleasePoints.
     """
     west, south, east, north = shapely.bounds(polygon)
     # A narrow polygon across the lattice has far more of its points around it than in it.

@@ -17,7 +17,7 @@ import pytest
 from helpers.worker_tasks import LARGE, Task, kill_as_they_start, number, wait_for, work
 
 from sassgis.errors import OutputError
-from sassgis.simulation import workers as worker_process
+from sassgis.simulation import workers
 from sassgis.simulation.workers import Processes, task_map
 
 pytestmark = pytest.mark.skipif(
@@ -79,7 +79,7 @@ def test_no_process_can_be_started(monkeypatch: pytest.MonkeyPatch) -> None:
     def start(*_: object, **__: object) -> Popen[bytes]:
         raise BlockingIOError(11, "Resource temporarily unavailable")
 
-    monkeypatch.setattr(worker_process, "Popen", start)
+    monkeypatch.setattr(workers, "Popen", start)
     refused = pytest.raises(OutputError, match=r"no process can be started: .* unavailable")
     with refused, Processes(1) as pool:
         list(pool.in_order(number, None, [1]))
@@ -184,7 +184,7 @@ def test_ctrl_c_is_kept_from_processes_from_their_first_moment(
         blocked.append(int(mask, 16) >> (signal.SIGINT - 1) & 1)
         return process
 
-    monkeypatch.setattr(worker_process, "Popen", start)
+    monkeypatch.setattr(workers, "Popen", start)
     with Processes(2) as pool:
         list(pool.in_order(number, None, range(20)))
     assert set(blocked) == {1}

@@ -157,9 +157,11 @@ def before_flight(
         if effects.drag.form != OFF and limit > effects.drag.step_s:
             limit = effects.drag.step_s
             state.cut = True
-        if effects.push.form != OFF and wind.longest_step(effects.push, state) < limit:
-            limit = wind.longest_step(effects.push, state)
-            state.cut = True
+        if effects.push.form != OFF:
+            pushed_after = wind.longest_step(effects.push, state)
+            if pushed_after < limit:
+                limit = pushed_after
+                state.cut = True
         if effects.stand.form != OFF:
             limit = trees.before_flight(effects.stand, state, block, site, gravity, limit)
         if effects.push.form != OFF:

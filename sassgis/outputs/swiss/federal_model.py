@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from functools import partial
 from importlib import resources
 from pathlib import Path
-from typing import Any, get_args
+from typing import TYPE_CHECKING, Any, get_args
 
 import geopandas as gpd
 import numpy as np
@@ -24,13 +24,15 @@ from sassgis.errors import InputError
 from sassgis.files.plain_file import NO_XML
 from sassgis.files.vector_layer import VectorLayer
 from sassgis.grid import Grid
-from sassgis.hazard.assess import Hazard, Intensities
 from sassgis.hazard.levels import opaque, zone_style
 from sassgis.hazard.zoning.coverage import cell_polygons
 from sassgis.settings.hazard_rules import Canton, HazardLevel, HazardPreset, IntensityClass
 from sassgis.settings.map_run import Config
 from sassgis.settings.process import crs_parts, same_crs
 from sassgis.settings.styles import FieldInfo, Symbol, VectorStyle
+
+if TYPE_CHECKING:
+    from sassgis.hazard.assess import Hazard, Intensities
 
 MODEL_TITLE = "Swiss federal minimal geodata model 166.1, Hazard Mapping, version 1.3"
 MODEL_NAME, MODEL_VERSION = "Hazard_Mapping_LV95_V1_3", "2021-03-01"
