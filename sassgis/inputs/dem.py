@@ -28,7 +28,8 @@ from sassgis.files.gdal_safety import RASTER, kept_dataset, offline, open_datase
 from sassgis.files.plain_file import check_file, check_text, in_memory
 from sassgis.grid import BoolArray, Bounds, FloatArray, Grid
 from sassgis.inputs.dem_system import dem_system
-from sassgis.settings.process import crs_name, crs_parts, require_memory, same_crs
+from sassgis.settings.crs import crs_name, crs_parts, same_crs
+from sassgis.settings.process import require_memory
 from sassgis.settings.results import Band, RasterClass, RasterLayer
 from sassgis.settings.schema import AnyInput, InMemory, Input, named
 from sassgis.settings.styles import PICTURE

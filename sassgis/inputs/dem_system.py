@@ -12,7 +12,7 @@ from pyproj.exceptions import CRSError, ProjError
 
 from sassgis.errors import InputError, notice
 from sassgis.grid import Bounds
-from sassgis.settings.process import crs_parts, parse_crs, same_crs
+from sassgis.settings.crs import crs_parts, parse_crs, same_crs
 from sassgis.settings.schema import Input
 
 #: What is wrong with a terrain model that states no coordinate system.

@@ -26,7 +26,7 @@ from sassgis.inputs.dem import (
     require_room,
 )
 from sassgis.inputs.dem_system import extent_text
-from sassgis.settings.process import crs_name, same_crs
+from sassgis.settings.crs import crs_name, same_crs
 from sassgis.settings.results import some_of
 from sassgis.settings.schema import AnyInput, InMemory, Input, named
 

@@ -26,7 +26,7 @@ from sassgis.files.plain_file import check_file, check_text, in_memory, number
 from sassgis.grid import Bounds, FloatArray, Grid
 from sassgis.inputs.dem import burnt, system_of
 from sassgis.inputs.dem_system import beyond_degrees, extent_text
-from sassgis.settings.process import crs_name, crs_parts, same_crs
+from sassgis.settings.crs import crs_name, crs_parts, same_crs
 from sassgis.settings.results import some_of
 from sassgis.settings.schema import InMemory, Input, composed
 

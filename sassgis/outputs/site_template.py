@@ -36,7 +36,7 @@ from sassgis.outputs.geopackage import add_layer, register_columns, register_tab
 from sassgis.outputs.layers.maps import terrain_layer
 from sassgis.outputs.qgis.entries import LayerEntry, LayerGroup
 from sassgis.outputs.qgis.project import write_project
-from sassgis.settings.process import crs_parts, parse_crs
+from sassgis.settings.crs import crs_parts, parse_crs
 
 _GROUPS = (
     ("Stations and measures", ("stations", "barriers")),

@@ -221,10 +221,8 @@ def _fetch(offer: TileOffer, folder: Path, timeout_s: float) -> bool:
                 return True
     finally:
         part.unlink(missing_ok=True)
-    problem, expected = (
-        "what the server sends is damaged or breaks off",
-        "a whole GeoTIFF; try again later",
-    )
+    problem = "what the server sends is damaged or breaks off"
+    expected = "a whole GeoTIFF; try again later"
     raise InputError(problem, file=offer.href, found=wrong, expected=expected)
 
 

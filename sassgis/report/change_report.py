@@ -8,10 +8,18 @@ from pathlib import Path
 import numpy as np
 
 import sassgis
-from sassgis.report import figures, page
+from sassgis.report import figures
 from sassgis.report.figures import MapMarks
 from sassgis.report.map_report import Lines, release_outlines
-from sassgis.report.page import ReportContext, ReportTable, sensible, table_of
+from sassgis.report.page import (
+    Cell,
+    ReportAnswer,
+    ReportContext,
+    ReportFigure,
+    ReportTable,
+    sensible,
+    table_of,
+)
 from sassgis.report.pictures import map_pictures, picture
 from sassgis.settings.languages import joined, named, phrase, translated
 from sassgis.settings.map_run import MapRun
@@ -33,7 +41,7 @@ _SEVERAL = {
 
 def change_figures(
     before: StoredResult, after: StoredResult, folder: Path, *, levels: bool
-) -> tuple[page.ReportFigure, ...]:
+) -> tuple[ReportFigure, ...]:
     """Draw the maps before and after with their difference; ``levels`` if comparable."""
     grid = after.grid
     out = []
@@ -48,14 +56,14 @@ def change_figures(
             caption = "Levels of the cells, before they are drawn as zones."
             figure = figures.change_figure(
                 grid, before.maps[result_change.LEVEL.stem], after.maps[result_change.LEVEL.stem],
-                figures.MapMarks(after.release, control_lines=after.traces),
+                MapMarks(after.release, control_lines=after.traces),
                 names=("Before", "After"), title=title,
             )  # fmt: skip
         else:
             title = phrase("{}, before and after", phrase(compared.title))
             caption = phrase(_NOTHING)
             figure = figures.map_change_figure(
-                grid, old, new, moved, figures.MapMarks(after.release),
+                grid, old, new, moved, MapMarks(after.release),
                 unit="" if compared.unit == "1" else compared.unit, ramp=_RAMPS[compared.stem],
                 title=title, note=_NOTHING,
             )  # fmt: skip
@@ -64,7 +72,7 @@ def change_figures(
             caption = joined(" ", (caption, width))
         areas = (float((s * moved > 0.0).sum() * grid.cell_size**2) for s in (1.0, -1.0))
         text = "Three maps: before, after, and the change. Higher on {} m², lower on {} m²."
-        alt = phrase(text, *map(page.sensible, areas))
+        alt = phrase(text, *map(sensible, areas))
         out.append(picture(folder, f"{compared.stem}_change", title, caption, figure, alt))
     return tuple(out)
 
@@ -73,12 +81,12 @@ def change_report(
     before: StoredResult,
     after: StoredResult,
     change: result_change.ResultChange,
-    pictures: Sequence[page.ReportFigure],
-) -> page.ReportContext:
+    pictures: Sequence[ReportFigure],
+) -> ReportContext:
     """Put the report together."""
     kinds = (("version of sassgis" if d.kind == "program" else d.kind) for d in change.differences)
     values = ((d.name, d.before or "–", d.after or "–") for d in change.differences)
-    differ = page.table_of(
+    differ = table_of(
         "What differs between the two",
         "kind; what; before; after",
         ((kind, *map(named, own)) for kind, own in zip(kinds, values, strict=True)),
@@ -104,7 +112,7 @@ def change_report(
         "largest value. Values without limits are the largest over the cells of the object. "
         "Deaths and loss are sums over the object."
     )
-    return page.ReportContext(
+    return ReportContext(
         title=translated(phrase("{}: before and after", both)),
         subtitle="Changes between the two results",
         what_was_run=tuple(
@@ -114,7 +122,7 @@ def change_report(
         ),
         warnings=change.notes,
         verdict=change.verdict,
-        answer=(page.ReportAnswer("How sure this is", sure), _differ(change)),
+        answer=(ReportAnswer("How sure this is", sure), _differ(change)),
         key_results=_key_table(change),
         figures=tuple(pictures),
         tables=(
@@ -130,10 +138,10 @@ def change_report(
     )
 
 
-def _facts(result: StoredResult) -> list[tuple[str, page.Cell]]:
+def _facts(result: StoredResult) -> list[tuple[str, Cell]]:
     manifest = result.manifest
     counts = manifest["counts"]
-    facts: list[tuple[str, page.Cell]] = [
+    facts: list[tuple[str, Cell]] = [
         ("folder", named(result.folder.name)),
         ("program", phrase("sassgis {}, seed {}", manifest["sassgis"], manifest["seed"])),
         # A mosaic of several blocks counts only those of its areas.
@@ -145,22 +153,20 @@ def _facts(result: StoredResult) -> list[tuple[str, page.Cell]]:
     return facts
 
 
-def _differ(change: result_change.ResultChange) -> page.ReportAnswer:
+def _differ(change: result_change.ResultChange) -> ReportAnswer:
     heading = "What differs between the two"
     if not change.differences:
-        return page.ReportAnswer(
-            heading, ("Program, settings, inputs and libraries are the same.",)
-        )
+        return ReportAnswer(heading, ("Program, settings, inputs and libraries are the same.",))
     kinds: dict[str, list[str]] = {}
     for d in change.differences:
         kinds.setdefault(_SEVERAL.get(d.kind, d.kind), []).append(d.name)
     points = tuple(phrase("{}: {}", phrase(kind), ", ".join(own)) for kind, own in kinds.items())
-    return page.ReportAnswer(heading, ("The table at the end has the values.",), points)
+    return ReportAnswer(heading, ("The table at the end has the values.",), points)
 
 
-def _key_table(change: result_change.ResultChange) -> page.ReportTable:
+def _key_table(change: result_change.ResultChange) -> ReportTable:
     rows = [r for part in ("map", "zones", "run-out") for r in change.of(part)]
-    return page.table_of(
+    return table_of(
         "Before and after",
         "quantity; unit; before; after; change",
         (
@@ -178,7 +184,7 @@ def _key_table(change: result_change.ResultChange) -> page.ReportTable:
 
 def _at_places(
     title: str, rows: Sequence[result_change.ChangeRow], levels: Mapping[float, str], note: str = ""
-) -> page.ReportTable:
+) -> ReportTable:
     """Return a row for each place, two columns for each quantity; levels by their names."""
     quantities = {r.quantity: _UNITS.get(r.unit, r.unit) for r in rows}
     found = {(r.name, r.quantity): r for r in rows}
@@ -187,20 +193,20 @@ def _at_places(
         shown = "" if unit in ("1", "class") else unit
         columns += [(phrase("{}, before", phrase(quantity)), shown), ("after", shown)]
 
-    def cell(name: str, quantity: str, when: int) -> page.Cell:
+    def cell(name: str, quantity: str, when: int) -> Cell:
         if (row := found.get((name, quantity))) is None:
             return None
         value = (row.before, row.after)[when]
         if quantity == "hazard level":
             return levels[value]
-        limits = result_change.limits_text(row.limits[when], page.sensible)
-        return phrase("{}{}", page.sensible(value), limits) if limits else value
+        limits = result_change.limits_text(row.limits[when], sensible)
+        return phrase("{}{}", sensible(value), limits) if limits else value
 
     body = (
         (named(name), *(cell(name, q, when) for q in quantities for when in (0, 1)))
         for name in dict.fromkeys(r.name for r in rows)
     )
-    return page.table_of(title, columns, body, note)
+    return table_of(title, columns, body, note)
 
 
 def sensitivity_report(

@@ -19,9 +19,18 @@ from sassgis.hazard.design import arrivals, net_classes, words_at_line
 from sassgis.hazard.object_values import ObjectValues
 from sassgis.hazard.sources import Sampled
 from sassgis.hazard.zoning.coverage import Coverage
-from sassgis.report import figures, page
+from sassgis.report import figures
 from sassgis.report.figures.map_marks import MapObject
-from sassgis.report.page import Cell, ReportTable, heads, sensible, table_of
+from sassgis.report.page import (
+    Cell,
+    ReportFigure,
+    ReportTable,
+    heads,
+    sensible,
+    table_of,
+    template,
+    translated_table,
+)
 from sassgis.report.pictures import picture
 from sassgis.settings.exposure import PlacedObjects
 from sassgis.settings.hazard_rules import HazardLevel
@@ -181,7 +190,7 @@ def best_places(places: pd.DataFrame) -> tuple[pd.Series, pd.Series] | None:
     return energy, height
 
 
-def needs_table(arriving: pd.Series, needs: pd.DataFrame, built: bool) -> page.ReportTable:
+def needs_table(arriving: pd.Series, needs: pd.DataFrame, built: bool) -> ReportTable:
     """Tabulate what a line must take by return period; a dash where blocks come less often."""
     columns = (
         "return period | years; energy | kJ; energy class; passing height | m; block | m; "
@@ -192,7 +201,7 @@ def needs_table(arriving: pd.Series, needs: pd.DataFrame, built: bool) -> page.R
         years = f"{row['return_period_years']:g}"
         own, high = row["net_class"], row["net_class_high"]
         size = row["block_m"]
-        cells: list[page.Cell] = [
+        cells: list[Cell] = [
             years,
             limited(row, "energy_kj"),
             (own if high == own else phrase("{} to {}", own, high or "–")) or None,
@@ -201,7 +210,7 @@ def needs_table(arriving: pd.Series, needs: pd.DataFrame, built: bool) -> page.R
             limited(row, "net_height_m"),
         ]
         rows.append([*cells, limited(row, BEHIND)] if built else cells)
-    return page.table_of(
+    return table_of(
         "What is reached or exceeded once in the return period",
         columns + ("; energy behind it | kJ" if built else ""),
         rows,
@@ -213,19 +222,19 @@ def write_protection_page(
     title: str,
     byline: Sequence[str],
     sheets: Sequence[ProtectionSheet],
-    change: page.ReportFigure | None,
+    change: ReportFigure | None,
     warnings: int,
 ) -> None:
     """Write the sheets into one HTML file that prints a page of A4 for each."""
-    text = page.template("protection.html.j2").render(
+    text = template("protection.html.j2").render(
         title=title, byline=byline, sheets=sheets, change=change, warnings=warnings,
         classes=", ".join(f"{name}: {most:g}" for name, most in net_classes() if most < np.inf),
-        words=_words, in_words=translated, table_in_words=page.translated_table,
+        words=_words, in_words=translated, table_in_words=translated_table,
         language=current_language(),
     )  # fmt: skip
     (folder / PAGE_NAME).write_text(text, encoding="utf-8", newline="\n")
 
 
-def _words(text: str, *parts: page.Cell) -> str:
+def _words(text: str, *parts: Cell) -> str:
     """Return a sentence with its numbers in the language of the page."""
-    return translated(phrase(text, *(p if isinstance(p, str) else page.sensible(p) for p in parts)))
+    return translated(phrase(text, *(p if isinstance(p, str) else sensible(p) for p in parts)))

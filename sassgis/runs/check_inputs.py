@@ -36,9 +36,9 @@ from sassgis.runs.inputs import (
 )
 from sassgis.runs.resumable_run import check_means, workers_asked
 from sassgis.runs.variant_lab import spread_rules
+from sassgis.settings.crs import crs_name
 from sassgis.settings.ground import TRUST_TEXT, GroundTable
 from sassgis.settings.map_run import Config, MapRun, ReleaseArea
-from sassgis.settings.process import crs_name
 from sassgis.settings.results import ControlLine
 from sassgis.settings.schema import Input
 from sassgis.simulation.estimate import RunEstimate, estimate_of, require_profile

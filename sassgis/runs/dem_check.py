@@ -16,7 +16,7 @@ from sassgis.inputs.dem_raw import RawDem, read_raw_dem
 from sassgis.inputs.dem_system import in_options
 from sassgis.report.page import ReportContext, ReportTable, write_report
 from sassgis.runs.inputs import collected_notices
-from sassgis.settings.process import crs_name
+from sassgis.settings.crs import crs_name
 from sassgis.terrain.dem_defects import (
     TRACES_ADVICE,
     bumps_m,

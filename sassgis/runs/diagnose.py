@@ -84,9 +84,9 @@ from sassgis.runs.calibrate import (
 from sassgis.runs.draw_store import reported_tasks
 from sassgis.runs.provenance import write_origin
 from sassgis.runs.resumable_run import AnyConfig, configured, workers_asked
+from sassgis.settings.crs import crs_name
 from sassgis.settings.languages import in_language
 from sassgis.settings.map_run import Config
-from sassgis.settings.process import crs_name
 from sassgis.simulation.workers import Jobs, OnProgress, one_algebra_thread, task_map
 
 #: Folder of the result in which the maps before and after are put, where they are wanted.

@@ -12,9 +12,9 @@ from sassgis.grid import Grid
 from sassgis.inputs.config import as_named, settings_hash
 from sassgis.outputs.manifest import write_manifest
 from sassgis.runs.inputs import input_files
+from sassgis.settings.crs import crs_name
 from sassgis.settings.languages import translated
 from sassgis.settings.map_run import Config, MapRun
-from sassgis.settings.process import crs_name
 from sassgis.settings.schema import Input
 
 

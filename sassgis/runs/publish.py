@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from sassgis.files.vector_layer import VectorLayer
-from sassgis.grid import Grid
+from sassgis.grid import Bounds, Grid
 from sassgis.hazard.assess import Assessment, Rules, governing
 from sassgis.hazard.curves import hazard_curves
 from sassgis.hazard.design import arrivals, motion_warnings, value_at_rate
@@ -37,7 +37,7 @@ from sassgis.outputs.layers.variant_layers import (
 )
 from sassgis.outputs.qgis import run_project
 from sassgis.outputs.qgis.entries import LayerEntry, LayerGroup
-from sassgis.outputs.qgis.layout import Extent, PrintLayout
+from sassgis.outputs.qgis.layout import PrintLayout
 from sassgis.outputs.raster import write_raster
 from sassgis.report.change_report import spread_lines, spread_table
 from sassgis.report.map_page import Contribution, MapHazard, PlaceFacts, Rows, write_map_page
@@ -313,7 +313,7 @@ def write_layers(
     terrain: RasterLayer,
     vectors: Sequence[VectorLayer],
     facts: Mapping[str, object],
-    extent: Extent,
+    extent: Bounds,
     layouts: Sequence[PrintLayout] = (),
 ) -> None:
     """Write GeoPackages, the project and the tables of what lies next to the maps.

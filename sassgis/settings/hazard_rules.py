@@ -273,12 +273,8 @@ class HazardPreset:
             if any(a > b for a, b in zip(low, high, strict=True)):
                 problem = "the matrix contradicts itself: a stronger event has a lower level"
                 codes = [self.levels[k].code for k in high]
-                yield (
-                    problem,
-                    f"matrix.{strong.code}",
-                    codes,
-                    f"nowhere below the row of {weak.code}",
-                )
+                expected = f"nowhere below the row of {weak.code}"
+                yield problem, f"matrix.{strong.code}", codes, expected
 
     @property
     def thresholds_kj(self) -> tuple[float, ...]:

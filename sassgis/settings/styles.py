@@ -125,10 +125,11 @@ def class_labels(breaks: Sequence[float], unit: str) -> list[str]:
 
 
 def class_colours(breaks: Sequence[float], ramp: str) -> list[str]:
-    """Return colours (``#rrggbb``) of the classes of :func:`class_limits`; ValueError as of both.
+    """Return colours (``#rrggbb``) of the classes of :func:`class_limits`.
 
     They are spread over the ramp from end to end, the class below the first break included even
     where zero as the first break leaves it out: so the palest end of a ramp can be avoided.
+    ValueError as of that function and of :func:`ramp_colours`.
     """
     return ramp_colours(ramp, len(breaks) + 1)[-len(class_limits(breaks)) :]
 

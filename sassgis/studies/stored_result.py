@@ -15,8 +15,8 @@ import shapely
 from sassgis.errors import InputError
 from sassgis.grid import FloatArray, Grid
 from sassgis.hazard.zoning.coverage import Coverage
+from sassgis.settings.crs import crs_name, same_crs
 from sassgis.settings.exposure import PlacedObjects
-from sassgis.settings.process import crs_name, same_crs
 from sassgis.settings.results import RasterLayer
 
 #: Part of a cell by which cells of two maps may lie apart.

@@ -116,7 +116,7 @@ def site(tmp_path: Path) -> Path:
     return folder
 
 
-def write(file: Path, driver: str, **options: object) -> None:
+def write(file: Path, driver: str) -> None:
     with rasterio.MemoryFile() as memory:
         with memory.open(
             driver="GTiff", count=1, dtype="float32", width=4, height=3, crs="EPSG:2056",
@@ -124,7 +124,7 @@ def write(file: Path, driver: str, **options: object) -> None:
         ) as raster:  # fmt: skip
             raster.write(HEIGHTS, 1)
         with memory.open() as raster:
-            rasterio.shutil.copy(raster, file, driver=driver, **options)
+            rasterio.shutil.copy(raster, file, driver=driver)
 
 
 def mosaic(source: str, *, relative: int = 1, size: int = 9, attributes: str = "") -> str:

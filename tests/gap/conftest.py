@@ -14,7 +14,7 @@ from threadpoolctl import threadpool_limits
 
 from sassgis.gap.fit.site_data import SiteData, site_data_of
 from sassgis.grid import Grid
-from sassgis.settings.process import parse_crs
+from sassgis.settings.crs import parse_crs
 
 
 @pytest.fixture(scope="session", autouse=True)

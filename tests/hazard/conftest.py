@@ -14,7 +14,7 @@ from helpers.worked_example import COUNTS, ENERGIES, HOUSE, ROAD, SOURCES, vulne
 
 from sassgis.grid import Grid
 from sassgis.hazard.risk import RiskTable, assess_risk
-from sassgis.settings.process import parse_crs
+from sassgis.settings.crs import parse_crs
 
 WEST, NORTH, CELL = 2_700_000.0, 1_150_000.0, 2.0
 

@@ -7,7 +7,7 @@ import pytest
 from helpers.input_files import LV95, NORTH, WEST, make_dem, make_layer
 
 from sassgis.grid import Grid
-from sassgis.settings.process import parse_crs
+from sassgis.settings.crs import parse_crs
 
 __all__ = ["make_dem", "make_layer"]
 

@@ -12,7 +12,7 @@ from pyproj import CRS
 
 from sassgis.errors import InputError
 from sassgis.inputs.dem import read_dem
-from sassgis.settings.process import crs_name, same_crs
+from sassgis.settings.crs import crs_name, same_crs
 
 HEIGHTS = 1000.0 + np.arange(20, dtype=float).reshape(4, 5)
 

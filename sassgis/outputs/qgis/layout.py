@@ -17,6 +17,7 @@ from importlib import resources
 from itertools import zip_longest
 from xml.etree import ElementTree as ET
 
+from sassgis.grid import Bounds
 from sassgis.outputs.qgis.entries import LayerEntry, filled, without_expressions
 from sassgis.settings.languages import phrase, translated
 from sassgis.settings.results import RasterLayer
@@ -120,9 +121,6 @@ def fill_legend(item: ET.Element, shown: Sequence[LayerEntry], width: float) -> 
     return height + (_SPACE_BEFORE + row(heading) if heading else 0.0)
 
 
-#: West, south, east, north (m).
-Extent = tuple[float, float, float, float]
-
 #: Scales are these numbers times a power of ten.
 SCALE_NUMBERS = (1.0, 1.5, 2.0, 2.5, 3.0, 4.0, 5.0, 7.5)
 
@@ -142,14 +140,14 @@ class PrintLayout:
     #: Keys of the layers (``LayerEntry.key``) on the map, the top first. All but the relief are in
     #: the legend, in this order.
     layers: tuple[str, ...]
-    extent: Extent  # what the map must show (m)
+    extent: Bounds  # what the map must show (m)
     facts: tuple[tuple[str, str], ...] = ()  # what it rests on: ("Terrain", "DEM of 2 m, ...")
     notes: tuple[str, ...] = ()  # what the reader must know; in a separate box
     #: Denominator of the scale for which the zones are drawn: the sheet has no larger one. 0: any.
     drawn_for: float = 0.0
 
 
-def round_scale(extent: Extent, width_mm: float, height_mm: float) -> float:
+def round_scale(extent: Bounds, width_mm: float, height_mm: float) -> float:
     """Return the largest round scale's denominator, 100 or more, at which an extent (m) fits."""
     west, south, east, north = extent
     needed = 1000.0 * max((east - west) / width_mm, (north - south) / height_mm)
@@ -263,7 +261,7 @@ class _Sheet:
 
 
 def _fill_map(
-    sheet: _Sheet, extent: Extent, shown: Sequence[LayerEntry], drawn_for: float
+    sheet: _Sheet, extent: Bounds, shown: Sequence[LayerEntry], drawn_for: float
 ) -> float:
     """Show an extent, in the middle of the map; returns the scale."""
     item, (_, _, width, height) = sheet.items["Map"], sheet.box("Map")

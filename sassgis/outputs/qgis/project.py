@@ -14,10 +14,11 @@ from pathlib import Path
 from pyproj import CRS
 
 from sassgis.files.atomic_output import writing
+from sassgis.grid import Bounds
 from sassgis.outputs.qgis.entries import LayerGroup, document, filled
 from sassgis.outputs.qgis.layout import PrintLayout, layout_element
+from sassgis.settings.crs import crs_parts
 from sassgis.settings.languages import translated, with_translated
-from sassgis.settings.process import crs_parts
 from sassgis.settings.settings import ProjectSettings
 
 _ZIP_TIME = (1980, 1, 1, 0, 0, 0)
@@ -29,7 +30,7 @@ def write_project(
     title: str,
     crs: str,
     groups: Sequence[LayerGroup],
-    extent: tuple[float, float, float, float],
+    extent: Bounds,
     abstract: str = "",
     imprint: ProjectSettings | None = None,
     layouts: Sequence[PrintLayout] = (),

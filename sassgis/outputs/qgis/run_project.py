@@ -11,14 +11,14 @@ import shapely
 
 from sassgis.files.plain_file import seen_from
 from sassgis.files.vector_layer import VectorLayer
-from sassgis.grid import Grid
+from sassgis.grid import Bounds, Grid
 from sassgis.hazard.assess import Assessment, Rules
 from sassgis.hazard.levels import unverified_in_short, zone_style
 from sassgis.hazard.warnings import edit_lines, ground_warnings, sample_words
 from sassgis.inputs.dem import BASE_MAP_KEY
 from sassgis.inputs.result_folder import EDITS_FILE
 from sassgis.outputs.qgis.entries import LayerEntry, LayerGroup, without_empty
-from sassgis.outputs.qgis.layout import Extent, PrintLayout, scale_text
+from sassgis.outputs.qgis.layout import PrintLayout, scale_text
 from sassgis.outputs.qgis.project import write_project
 from sassgis.settings.ground import GroundClass
 from sassgis.settings.hazard_rules import HazardPreset
@@ -51,7 +51,7 @@ def sheet_words(
     terrain_file: str,
     program: str,
     vectors: Sequence[VectorLayer],
-    extent: Extent,
+    extent: Bounds,
     ground: Sequence[tuple[GroundClass, float]],
 ) -> PrintLayout:
     """Return what all sheets share: words, layers around those of a sheet, and the lowest.
@@ -103,7 +103,7 @@ def write_run_project(
     folder: Path,
     imprint: ProjectSettings,
     grid: Grid,
-    extent: Extent,
+    extent: Bounds,
     layers: Sequence[RasterLayer],
     terrain: RasterLayer,
     vectors: Sequence[VectorLayer],
@@ -179,7 +179,7 @@ def run_layouts(words: PrintLayout, layers: Sequence[RasterLayer]) -> tuple[Prin
     )
 
 
-def reached_extent(layers: tuple[RasterLayer, ...], grid: Grid) -> Extent:
+def reached_extent(layers: tuple[RasterLayer, ...], grid: Grid) -> Bounds:
     """Return the extent that blocks reach, with a margin."""
     reached = np.isfinite(layers[0].bands[0].values)
     if not reached.any():

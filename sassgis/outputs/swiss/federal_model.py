@@ -23,12 +23,12 @@ import shapely
 from sassgis.errors import InputError
 from sassgis.files.plain_file import NO_XML
 from sassgis.files.vector_layer import VectorLayer
-from sassgis.grid import Grid
+from sassgis.grid import Bounds, Grid
 from sassgis.hazard.levels import opaque, zone_style
 from sassgis.hazard.zoning.coverage import cell_polygons
+from sassgis.settings.crs import crs_parts, same_crs
 from sassgis.settings.hazard_rules import Canton, HazardLevel, HazardPreset, IntensityClass
 from sassgis.settings.map_run import Config
-from sassgis.settings.process import crs_parts, same_crs
 from sassgis.settings.styles import FieldInfo, Symbol, VectorStyle
 
 if TYPE_CHECKING:
@@ -131,9 +131,7 @@ def is_lv95(crs: pyproj.CRS | str | None) -> bool:
     return same_crs(plane, pyproj.CRS.from_epsg(FEDERAL_EPSG))
 
 
-def in_federal_extent(
-    crs: pyproj.CRS | str | None, bounds: tuple[float, float, float, float]
-) -> bool:
+def in_federal_extent(crs: pyproj.CRS | str | None, bounds: Bounds) -> bool:
     """Return whether coordinates and bounds (W, S, E, N; m) are those of the federal model."""
     west, south, east, north = bounds
     low_x, low_y, high_x, high_y = FEDERAL_EXTENT

@@ -218,7 +218,7 @@ class ExportResult:
         """Return the summary and verdict in words."""
         counts = ", ".join(f"{name} {count}" for name, count in self.objects.items())
         verdict = self.validation.lines() if self.validation else ()
-        return [f"Wrote {self.path}, model {federal_model.MODEL_NAME}: {counts}.", *verdict]
+        return [f"Wrote {self.path}, model {MODEL_NAME}: {counts}.", *verdict]
 
 
 def export_xtf(

@@ -25,7 +25,6 @@ from sassgis.hazard.levels import LEVEL_CHANGES, deciding_energy, hazard_level
 from sassgis.report.figures import map_figure, style
 from sassgis.report.figures.map_marks import MapMarks, all_points, draw_points
 from sassgis.report.figures.relief import footprint, view_of
-from sassgis.report.figures.style import GAP_COLOURS, house_style
 from sassgis.settings.hazard_rules import HazardCurves, HazardPreset
 from sassgis.settings.languages import joined, phrase
 from sassgis.settings.results import RasterClass, RasterLayer, power_of_ten, thousands
@@ -414,7 +413,7 @@ def _class_maps(
     return map_figure.finish(sheet, axes, marks, view)
 
 
-@house_style()
+@style.house_style()
 def intensity_figure(
     grid: Grid, layers: Sequence[RasterLayer], marks: MapMarks, note: str = ""
 ) -> Figure:
@@ -427,7 +426,7 @@ def intensity_figure(
     return _class_maps(grid, panels, [legend], marks, "Intensity by return period", note)
 
 
-@house_style()
+@style.house_style()
 def confidence_figure(
     grid: Grid, level: RasterLayer, uncertain: NDArray[np.bool_], marks: MapMarks, note: str = ""
 ) -> Figure:
@@ -450,7 +449,7 @@ def level_changes(before: FloatArray, after: FloatArray) -> FloatArray:
     return np.where((old < 0.0) & (new < 0.0), np.nan, np.sign(new - old))
 
 
-@house_style()
+@style.house_style()
 def change_figure(
     grid: Grid,
     before: RasterLayer,
@@ -487,7 +486,7 @@ def change_figure(
     return _class_maps(grid, panels, legends, marks, title, note)
 
 
-@house_style()
+@style.house_style()
 def map_change_figure(
     grid: Grid,
     before: FloatArray,
@@ -513,7 +512,7 @@ def map_change_figure(
     moved = moved[moved > 0.0]
     most = float(np.quantile(moved, 0.98)) if moved.size else 1.0
     amounts = (mpl.colormaps[ramp], Normalize(0.0, high))
-    changes = (GAP_COLOURS, Normalize(-most, most))
+    changes = (style.GAP_COLOURS, Normalize(-most, most))
     panels = [
         map_figure.MapPanel(scale * values, *colours, name, alpha=0.9, together="mean")
         for name, values, colours in (

@@ -13,8 +13,7 @@ from matplotlib.collections import LineCollection, PolyCollection
 from matplotlib.patches import PathPatch
 from matplotlib.path import Path
 
-from sassgis.grid import FloatArray
-from sassgis.report.figures.relief import Extent
+from sassgis.grid import Bounds, FloatArray
 from sassgis.report.figures.style import BLUE, INK, SMALL, beside, halo, text_width_pt
 from sassgis.settings.languages import named, phrase, translated
 from sassgis.settings.results import RasterClass, thousands
@@ -70,7 +69,7 @@ class MapMarks:
     objects: Sequence[MapObject] = ()
     names: Sequence[MapName] = ()  # of what is drawn otherwise
 
-    def draw(self, ax: Axes, box: Extent) -> None:
+    def draw(self, ax: Axes, box: Bounds) -> None:
         """Draw all of it on a map but the names."""
         draw_zones(ax, self.zones)
         _outlines(ax, self.edits, _EDIT, linewidths=1.6, linestyles="--", zorder=4.5, gid="edits")
@@ -80,7 +79,7 @@ class MapMarks:
             draw_lines(ax, [self.lines[i] for i in even_choice(len(self.lines), MAX_LINES)])
         draw_release(ax, self.release)
 
-    def write_names(self, ax: Axes, box: Extent, points_per_metre: float) -> None:
+    def write_names(self, ax: Axes, box: Bounds, points_per_metre: float) -> None:
         """Write the names of what is drawn, at the scale at which it is drawn."""
         names = list(self.names)
         for name, kind, xy in self.control_lines:
@@ -173,7 +172,7 @@ def draw_points(
     ax.plot(*xy.T, mark, ms=size, mfc=fill, mec=edge, mew=width, **how)
 
 
-def draw_objects(ax: Axes, objects: Sequence[MapObject], box: Extent) -> None:
+def draw_objects(ax: Axes, objects: Sequence[MapObject], box: Bounds) -> None:
     """Draw exposed objects: areas and points filled, roads and lines pale with a dark edge."""
     for _, geometry in objects:
         for part in shapely.get_parts(shapely.clip_by_rect(geometry, *box)):
@@ -196,7 +195,7 @@ def draw_objects(ax: Axes, objects: Sequence[MapObject], box: Extent) -> None:
                 ax.plot(*xy.T, color="white", lw=1.2, zorder=5.6)
 
 
-def object_names(objects: Sequence[MapObject], box: Extent) -> list[MapName]:
+def object_names(objects: Sequence[MapObject], box: Bounds) -> list[MapName]:
     """Return the names of exposed objects, at the longest part of each that is seen."""
     names = []
     for name, geometry in objects:
@@ -211,9 +210,9 @@ def object_names(objects: Sequence[MapObject], box: Extent) -> list[MapName]:
     return names
 
 
-def _write_names(ax: Axes, names: Sequence[MapName], box: Extent, points_per_metre: float) -> None:
+def _write_names(ax: Axes, names: Sequence[MapName], box: Bounds, points_per_metre: float) -> None:
     """Write names where they overlap no earlier one; without room only if they are needed."""
-    taken: list[Extent] = []
+    taken: list[Bounds] = []
     width, height = ((box[k + 2] - box[k]) * points_per_metre for k in (0, 1))
     for name in names:
         wide = text_width_pt(name.text, name.look.get("size", SMALL))

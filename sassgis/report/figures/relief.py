@@ -13,19 +13,16 @@ from matplotlib.patches import Rectangle
 from matplotlib.ticker import MultipleLocator
 from numpy.typing import NDArray
 
-from sassgis.grid import FloatArray, Grid
+from sassgis.grid import Bounds, FloatArray, Grid
 from sassgis.report.figures.style import INK, SMALL, round_step
 from sassgis.settings.languages import phrase
 from sassgis.settings.results import thousands
-
-#: West, south, east, north (m).
-Extent = tuple[float, float, float, float]
 
 #: Longest side of a drawn raster in cells: more than the printed map has dots for.
 MAX_CELLS = 900
 
 
-def footprint(grid: Grid, values: FloatArray | None, others: FloatArray) -> Extent:
+def footprint(grid: Grid, values: FloatArray | None, others: FloatArray) -> Bounds:
     """Return the extent of what is shown, with a margin, cut to the grid; all of it without any.
 
     Shown are cells of ``values`` that are not NaN, and the ``others`` (n, 2) that lie within the
@@ -59,7 +56,7 @@ def footprint(grid: Grid, values: FloatArray | None, others: FloatArray) -> Exte
 class MapView:
     """The part of a grid that a map shows: its limits, and the whole cells that cover them."""
 
-    box: Extent
+    box: Bounds
     rows: slice
     cols: slice
     grid: Grid
@@ -90,7 +87,7 @@ class MapView:
         found, *_ = np.histogram2d(-points[:, 1], points[:, 0], 40, sides)
         return np.asarray(found > 0)
 
-    def coarse(self, values: FloatArray, how: str) -> tuple[FloatArray, Extent]:
+    def coarse(self, values: FloatArray, how: str) -> tuple[FloatArray, Bounds]:
         """Return values of the part as drawn, and their extent, which may reach beyond it."""
         drawn = coarsen(values, self.factor, how)
         step = self.grid.cell_size * self.factor
@@ -98,7 +95,7 @@ class MapView:
         return drawn, (west, north - len(drawn) * step, west + drawn.shape[1] * step, north)
 
 
-def view_of(grid: Grid, box: Extent) -> MapView:
+def view_of(grid: Grid, box: Bounds) -> MapView:
     """Return the smallest part of a grid, in whole cells, that covers a box."""
     west, south, east, north = box
     n_rows, n_cols = grid.shape
@@ -174,7 +171,7 @@ def draw_relief(ax: Axes, view: MapView) -> None:
     )
 
 
-def map_axes(ax: Axes, extent: Extent, parts: int = 5) -> None:
+def map_axes(ax: Axes, extent: Bounds, parts: int = 5) -> None:
     """Set limits, about ``parts`` ticks on the longer side, and labels of a map in m or km."""
     west, south, east, north = extent
     ax.set(xlim=(west, east), ylim=(south, north), aspect="equal")
@@ -216,7 +213,7 @@ def emptiest_corner(occupied: NDArray[np.bool_], width: float, height: float) ->
     return min(((False, False), (True, False), (False, True), (True, True)), key=hidden)
 
 
-def scale_bar(ax: Axes, box: Extent, taken: NDArray[np.bool_]) -> None:
+def scale_bar(ax: Axes, box: Bounds, taken: NDArray[np.bool_]) -> None:
     """Draw scale bar and north arrow in the corner that hides least of what is ``taken``."""
     width = box[2] - box[0]
     power = 10.0 ** np.floor(np.log10(0.25 * width))

@@ -15,7 +15,6 @@ import sys
 os.environ.setdefault("QT_QPA_PLATFORM", "offscreen")
 
 from qgis.core import (
-    Qgis,
     QgsApplication,
     QgsLayerTreeGroup,
     QgsMapRendererParallelJob,
@@ -85,7 +84,6 @@ def describe(layer):
         "renderer": describe_renderer(layer),
     }
     if isinstance(layer, QgsVectorLayer):
-        facts["kind"] = "vector"
         facts["features"] = layer.featureCount()
         facts["aliases"] = {
             field.name(): layer.attributeAlias(i) for i, field in enumerate(layer.fields())
@@ -96,7 +94,6 @@ def describe(layer):
             else None
         )
     else:
-        facts["kind"] = "raster"
         facts["bands"] = [layer.bandName(i + 1) for i in range(layer.bandCount())]
     return facts
 
@@ -172,7 +169,6 @@ def main():
     layers = list(project.mapLayers().values())
     view = project.viewSettings().defaultViewExtent()
     report = {
-        "qgis": Qgis.QGIS_VERSION,
         "opened": opened,
         "error": project.error(),
         "title": project.title(),

@@ -87,6 +87,9 @@ def test_the_project_opens_whole(seen: dict[str, Any]) -> None:
     assert len(seen["layers"]) == 17
     assert all(entry["valid"] for entry in seen["layers"])
     assert {entry["crs"] for entry in seen["layers"]} == {"EPSG:2056"}
+    # The project as a whole draws something.
+    assert seen["blank_share"] < 0.01
+    assert seen["colours"] > 100
     # Looking leaves no files behind.
     assert not [name for name in seen["files"] if name.endswith((".aux.xml", "-wal", "-shm"))]
 
