@@ -115,6 +115,8 @@ def validate_observations(observations: Path, config: Path | None) -> None:
         click.echo(f"  {own.name} ({own.table}): {own.values} values of {own.rocks} rocks")
     for line in found.not_identifiable:
         click.echo(f"not identifiable: {line}")
+    if found.not_testable:
+        click.echo(found.not_testable)
     if any(finding.level == "error" for finding in findings):
         click.get_current_context().exit(1)
 

@@ -255,6 +255,7 @@ class Comparison:
     observed: tuple[float, ...]
     base: tuple[float, ...]
     effect: tuple[float, ...] = ()  # empty if none is named
+    configured: tuple[float, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
@@ -262,7 +263,7 @@ class Diagnosis:
     """All that a diagnosis states."""
 
     verdict: Verdict
-    where: tuple[GapFinding, ...]  # most certain first
+    where: tuple[GapFinding, ...]  # of the calibrated base, most certain first
     which: tuple[Hypothesis, ...]  # most probable first
     shrinkage: Shrinkage
     rocks: int
@@ -280,11 +281,13 @@ class Diagnosis:
     ladder: tuple[Rung, ...] = ()
     advice: Advice = Advice()
     first_sentence: str = ""
+    where_configured: tuple[GapFinding, ...] = ()  # of the configured model
+    not_testable: str = ""  # causes that these data cannot show, and what would show them
 
 
 def as_json(diagnosis: Diagnosis) -> dict[str, Any]:
     """Return the diagnosis in the layout of ``diagnosis.json``; missing numbers become None."""
-    records = ("where", "which", "fingerprints", "gains", "ladder")
+    records = ("where", "where_configured", "which", "fingerprints", "gains", "ladder")
     plain: dict[str, Any] = without_nan(
         {
             "first_sentence": diagnosis.first_sentence,
@@ -297,6 +300,7 @@ def as_json(diagnosis: Diagnosis) -> dict[str, Any]:
                 "tables": diagnosis.tables,
                 "cannot_tell": diagnosis.not_identifiable,
                 "measure_next": diagnosis.measure_next,
+                "not_testable": diagnosis.not_testable,
                 "warnings": diagnosis.warnings,
             },
             "settings_hash": diagnosis.settings_hash,
