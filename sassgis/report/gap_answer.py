@@ -22,20 +22,30 @@ MATTERS = ("speed_mps", "runout_m", "energy_kept", "height_m", "rotation_hz", "l
 
 
 def verdict_sentence(diagnosis: Diagnosis) -> Phrase:
-    """Return the answer in one or two sentences."""
+    """Return what the first sentence leaves open: how sure the answer is, what is not testable."""
     verdict = diagnosis.verdict
-    out = [_named(diagnosis)]
-    if verdict.confidence >= 0.0:
-        out.append(phrase("Confidence {} %.", f"{100 * verdict.confidence:.0f}"))
-    if verdict.group_probability >= 0.0:
+    out = _of_named(diagnosis) if verdict.named else [_unnamed(diagnosis)]
+    if verdict.group_probability >= 0.0 and not verdict.named:
         share = f"{100 * verdict.group_probability:.0f}"
         out.append(phrase("Group “{}”: {} %.", phrase(verdict.group), share))
-    if "measurement_error" in verdict.effect.split("+"):
-        out.append(phrase("It is in the observations, not in the model."))
-        out += _scaled(hypothesis_of(diagnosis.which, verdict.effect))
     if diagnosis.not_testable:
         out.append(phrase(diagnosis.not_testable))
     return joined(" ", out)
+
+
+def _of_named(diagnosis: Diagnosis) -> list[Phrase]:
+    """Return what is to be known of a cause that is named."""
+    verdict, by = diagnosis.verdict, diagnosis.shrinkage
+    out = []
+    if "measurement_error" in verdict.named:
+        out.append(phrase("It is in the observations, not in the model."))
+        out += _scaled(hypothesis_of(diagnosis.which, verdict.effect))
+    if by.effect == verdict.effect and by.value is not None and by.value <= 0.0:
+        out.append(phrase("Adding the effect does not close the gap on rocks left out."))
+    elif by.effect == verdict.effect and by.ci95 is not None and by.ci95[0] <= 0.0:
+        text = "It is not certain that adding the effect closes the gap on rocks left out."
+        out.append(phrase(text))
+    return out
 
 
 def _scaled(named: Hypothesis | None) -> list[Phrase]:
@@ -50,22 +60,12 @@ def _scaled(named: Hypothesis | None) -> list[Phrase]:
     return [phrase(said, sensible(scale), interval_text((low, high)))]
 
 
-def _named(diagnosis: Diagnosis) -> Phrase:
+def _unnamed(diagnosis: Diagnosis) -> Phrase:
     verdict, advice = diagnosis.verdict, diagnosis.advice
     if verdict.effect == "unknown":
         return phrase("These data do not show the cause of the gap.")
     if verdict.effect == "contact_law":
         text = "These data show no other probable cause than {}."
-        return phrase(text, words.effect_phrase(verdict.effect))
-    if verdict.effect != "none":
-        text, by = "The gap is best explained by {}.", diagnosis.shrinkage
-        if by.effect == verdict.effect and by.value is not None and by.value <= 0.0:
-            text = "The observations show {}. Adding it does not close the gap on rocks left out."
-        elif by.effect == verdict.effect and by.ci95 is not None and by.ci95[0] <= 0.0:
-            text = (
-                "The observations show {}. It is not certain that adding it closes the gap on "
-                "rocks left out."
-            )
         return phrase(text, words.effect_phrase(verdict.effect))
     left = phrase("The remaining differences are within chance ({} rocks).", diagnosis.rocks)
     if any(gap.counts and gap.side == "unsafe" for gap in advice.left) or any(
@@ -79,7 +79,8 @@ def _named(diagnosis: Diagnosis) -> Phrase:
         text = "No missing effect is detectable. {}"
     elif advice.recommended == "contact_law":
         text = "After calibration of the contact law no missing effect is detectable. {}"
-    return phrase(text, left)
+    sure = phrase("Confidence {} %.", f"{100 * verdict.confidence:.0f}")
+    return joined(" ", (phrase(text, left), sure))
 
 
 def answer(diagnosis: Diagnosis) -> tuple[ReportAnswer, ...]:

@@ -200,10 +200,11 @@ def wrong_ground(case: Case, intervals: Mapping[str, Range]) -> tuple[str, ...]:
 def first_sentence(advice: Advice, ladder: Sequence[Rung], verdict: Verdict) -> Phrase:
     """State where the configured model is off and why, how far and to which side; what to set."""
     gap = advice.configured
-    if gap is None:
-        return phrase("No stops and no speeds were observed. The error of the model is unknown.")
-    because = [_cause(verdict), *([] if advice.short else _shrinks(advice, ladder))]
+    because = [_cause(verdict, advice), *([] if advice.short else _shrinks(advice, ladder))]
     clauses = [text for text in because if text]
+    if gap is None:
+        text = "No stops and no speeds were observed. The error of the model is unknown."
+        return joined(" ", (phrase(text), *(phrase("{}.", capital(own)) for own in clauses)))
     if gap.counts:
         said = [capital(phrase("{}.", joined("; ", (_off_by(gap, advice.compared), *clauses))))]
     else:
@@ -224,15 +225,15 @@ def first_sentence(advice: Advice, ladder: Sequence[Rung], verdict: Verdict) -> 
     return joined(" ", said)
 
 
-def _cause(verdict: Verdict) -> Phrase:
+def _cause(verdict: Verdict, advice: Advice) -> Phrase:
     """Return the cause that is named, else the most probable ones; empty where none is missing."""
     shares = {name: f"{100.0 * p:.0f}" for name, p in verdict.probabilities.items()}
     if verdict.named or verdict.effect == CONTACT_LAW:
-        sure = verdict.confidence
-        said = effect_phrase(verdict.effect)
-        if not math.isfinite(sure):
-            return phrase("most likely because of {}", said)
-        return phrase("most likely because of {} ({} %)", said, f"{100.0 * sure:.0f}")
+        text = "most likely because of {} ({} %)"
+        if not {*verdict.effect.split("+")} <= {*advice.recommended.split("+")}:
+            # What does not certainly close the gap is no reason of it.
+            text = "the observations show {} ({} %)"
+        return phrase(text, effect_phrase(verdict.effect), f"{100.0 * verdict.confidence:.0f}")
     if verdict.effect == NONE or not shares:
         return phrase("")
     first, *others = (phrase("{} ({} %)", effect_name(n), p) for n, p in shares.items())

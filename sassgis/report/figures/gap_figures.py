@@ -36,7 +36,7 @@ _FIRST = ("runout_m", "speed_mps", "height_m")
 #: Names of the models in a note.
 _CURVE_NAMES = {
     "configured": "configured",
-    "base": "base",
+    "base": "calibrated base model",
     "effect": "with the effect",
 }
 #: Height of a row (in); rows that the title and the axis of a panel take.
