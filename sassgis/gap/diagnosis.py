@@ -75,6 +75,12 @@ class Verdict:
         nothing = self.effect in ("none", "unknown", "contact_law")
         return () if nothing else tuple(self.effect.split("+"))
 
+    @property
+    def ranked(self) -> Mapping[str, float]:
+        """Probabilities; where the contact follows another law, "none" is that law."""
+        none = "contact_law" if self.effect == "contact_law" else "none"
+        return {none if n == "none" else n: p for n, p in self.probabilities.items()}
+
 
 @dataclass(frozen=True, slots=True)
 class Fingerprint:

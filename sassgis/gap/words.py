@@ -66,6 +66,9 @@ _TESTS: Mapping[str, str] = {
     "one step": "from one state to the next",
 }
 
+#: No cause is stated to be more probable.
+MOST_SURE = 0.99
+
 #: Rungs of the ladder that are no effect.
 RUNG_NAMES: Mapping[str, str] = {
     "configured": "the configured ground",

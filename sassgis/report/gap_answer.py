@@ -155,8 +155,10 @@ def _ranked(diagnosis: Diagnosis) -> ReportAnswer:
     """Rank the causes by probability, and state what is not separated from the answer."""
     verdict = diagnosis.verdict
     points = tuple(
-        phrase("{}: {} %", capital(words.effect_name(name)), f"{100.0 * min(p, 0.99):.0f}")
-        for name, p in verdict.probabilities.items()
+        phrase(
+            "{}: {} %", capital(words.effect_name(name)), f"{100.0 * min(p, words.MOST_SURE):.0f}"
+        )
+        for name, p in verdict.ranked.items()
         if p >= LISTED
     )
     sentences: list[str] = []

@@ -14,7 +14,6 @@ from sassgis.gap import words
 from sassgis.gap.diagnosis import (
     Advice,
     Diagnosis,
-    Fingerprint,
     GapFinding,
     ModelGap,
     Rung,
@@ -210,7 +209,7 @@ def gap_figures(case: Case, diagnosis: Diagnosis, folder: Path) -> list[ReportFi
             "was fitted without it.",
             gap_ladder_figure(diagnosis.ladder),
         )
-    if diagnosis.which or verdict.probabilities:
+    if diagnosis.which or verdict.ranked:
         add(
             "gap_hypotheses",
             "Causes, most likely first",
@@ -218,7 +217,7 @@ def gap_figures(case: Case, diagnosis: Diagnosis, folder: Path) -> list[ReportFi
             "All scores are on held-out rocks.",
             gap_hypotheses_figure(
                 diagnosis.which,
-                probabilities=verdict.probabilities,
+                probabilities=verdict.ranked,
                 verdict=verdict.effect,
                 confusion=causes_in(verdict.confusion_set),
             ),
@@ -387,23 +386,19 @@ def _causes_table(diagnosis: Diagnosis) -> ReportTable:
     separated = dict.fromkeys(causes_in(verdict.confusion_set), "no")
     separated[verdict.effect] = "the answer"
     gains = {gain.effect: gain for gain in diagnosis.gains}
-    prints: dict[str, Fingerprint] = {}
-    for one in diagnosis.fingerprints:
-        if one.observable and one.z > max(0.0, prints[one.effect].z if one.effect in prints else 0):
-            prints[one.effect] = one
     return table_of(
         "Causes, most likely first",
-        "cause; probability | %; separated from the answer; surest fingerprint; z; closes of what "
+        "cause; probability | %; separated from the answer; closes of what "
         "the base leaves | %; sureness; would be seen | %",
         (
             (
-                words.effect_name(name), f"{100.0 * min(p, 0.99):.1f}", separated.get(name, "yes"),
-                phrase(prints[name].statistic) if name in prints else "–",
-                prints[name].z if name in prints else None,
+                words.effect_name(name),
+                100.0 * min(p, words.MOST_SURE),
+                separated.get(name, "yes"),
                 *((100.0 * g.share, g.sureness, 100.0 * g.power) if (g := gains.get(name))
                   else (None, None, None)),
             )
-            for name, p in verdict.probabilities.items()
+            for name, p in verdict.ranked.items()
         ),
         "Closes: of the base with a free contact, in the numbers that sum up all rocks (means, "
         "scatters, trends with the size), the ground calibrated anew. Sureness: standard errors "

@@ -12,11 +12,12 @@ from sassgis.gap.causes.all_causes import CAUSES
 from sassgis.gap.constants import GAP_ROCKS, GAP_SAMPLES, GROUND_WIDTHS, RELEVANT_GAPS
 from sassgis.gap.diagnosis import Advice, GroundSetting, ModelGap, Range, Rung, Verdict
 from sassgis.gap.fit.distances import bootstrap_rows, quantiles_of
-from sassgis.gap.fit.hypothesis_fit import CONTACT_LAW, NONE, FittedHypothesis
+from sassgis.gap.fit.hypothesis_fit import NONE, FittedHypothesis
 from sassgis.gap.fit.site_data import Scale, SiteData
 from sassgis.gap.observations.case import Case
 from sassgis.gap.verdict.model_comparison import CONFIGURED, GROUND
 from sassgis.gap.words import (
+    MOST_SURE,
     closed_percent,
     effect_name,
     effect_phrase,
@@ -221,22 +222,24 @@ def first_sentence(advice: Advice, ladder: Sequence[Rung], verdict: Verdict) -> 
         said.append(one if len(advice.wrong_ground) == 1 else more)
     said += _to_run(advice, ladder)
     if advice.short is None:
-        said += _remains(advice, mentioned)
+        said += _remains(advice, mentioned, verdict)
     return joined(" ", said)
 
 
 def _cause(verdict: Verdict, advice: Advice) -> Phrase:
     """Return the cause that is named, else the most probable ones; empty where none is missing."""
-    shares = {name: f"{100.0 * p:.0f}" for name, p in verdict.probabilities.items()}
-    if verdict.named or verdict.effect == CONTACT_LAW:
+    if verdict.named:
         text = "most likely because of {} ({} %)"
         if not {*verdict.effect.split("+")} <= {*advice.recommended.split("+")}:
             # What does not certainly close the gap is no reason of it.
             text = "the observations show {} ({} %)"
         return phrase(text, effect_phrase(verdict.effect), f"{100.0 * verdict.confidence:.0f}")
-    if verdict.effect == NONE or not shares:
+    if verdict.effect == NONE or not verdict.ranked:
         return phrase("")
-    first, *others = (phrase("{} ({} %)", effect_name(n), p) for n, p in shares.items())
+    first, *others = (
+        phrase("{} ({} %)", effect_name(name), f"{100.0 * min(p, MOST_SURE):.0f}")
+        for name, p in verdict.ranked.items()
+    )
     if not others:
         return phrase("no cause is certain: most likely {}", first)
     return phrase("no cause is certain: most likely {}, then {}", first, others[0])
@@ -258,7 +261,7 @@ def _shrinks(advice: Advice, ladder: Sequence[Rung]) -> list[Phrase]:
     return [phrase("{}, with calibrated ground by {}", said, closed[GROUND])]
 
 
-def _remains(advice: Advice, mentioned: Sequence[ModelGap]) -> list[Phrase]:
+def _remains(advice: Advice, mentioned: Sequence[ModelGap], verdict: Verdict) -> list[Phrase]:
     """Return what the recommended model leaves, beyond what is stated already."""
     unsafe = worst_of([own for own in advice.left if own.counts and own.side == "unsafe"])
     both = (unsafe, _far_safe(advice.left))
@@ -266,8 +269,9 @@ def _remains(advice: Advice, mentioned: Sequence[ModelGap]) -> list[Phrase]:
     if left:
         texts = ("After calibration: {}.", "Also: {}.")
         return [phrase(text, own) for text, own in zip(texts, left, strict=False)]
+    # Of calibration that suffices the verdict states it.
     changed = advice.recommended != CONFIGURED and bool(advice.left)
-    if changed and not any(own.counts for own in advice.left):
+    if changed and verdict.effect != NONE and not any(own.counts for own in advice.left):
         return [phrase("After calibration no relevant difference remains.")]
     return []
 

@@ -230,7 +230,7 @@ def gap_where_figure(
         for i, key in enumerate(keys):
             ax = sheet.figure.add_subplot(parts[i])
             name = words.with_unit_in_brackets(words.quantity_name(key[0]), key[1])
-            ax.set_title(style.wrap(name, style.WIDTH_IN / len(columns) - 1.2, style.TEXT))
+            ax.set_title(style.wrap(name, style.WIDTH_IN / len(columns) - 1.6, style.TEXT))
             _draw_gaps(ax, groups[key], before)
     return sheet.figure
 
@@ -479,7 +479,7 @@ def gap_hypotheses_figure(
     fitted = {h.effect: h for h in hypotheses}
     rows = list(dict.fromkeys([*probabilities, *fitted]))
     n = len(rows)
-    named = "" if verdict in ("none", "unknown") else verdict
+    named = "" if verdict in ("none", "unknown", "contact_law") else verdict
     others = [e for e in confusion if e != verdict] if named else []
     note = phrase(
         "Left: probability of being the cause. Right: by how much the energy score of held-out "
@@ -499,7 +499,7 @@ def gap_hypotheses_figure(
         if math.isfinite(share):
             bar = style.LIGHT if colour == style.GREY else colour
             shares.barh(i, share, 0.6, color=bar, gid=f"share-{name}")
-            text = f"{100 * min(share, 0.99):.0f} %" if share >= 0.005 else "< 1 %"
+            text = f"{100 * min(share, words.MOST_SURE):.0f} %" if share >= 0.005 else "< 1 %"
             shares.text(share + 0.02, i, text, va="center", size=style.SMALL)
         hypothesis = fitted.get(name)
         if hypothesis is not None and math.isfinite(hypothesis.gain):
