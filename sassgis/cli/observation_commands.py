@@ -158,8 +158,8 @@ def diagnose(
     with at_work(given) as how:
         result = run_diagnosis(config, observations, out, draws=draws or FIT_DRAWS, **how)
     notes(result.warnings)
-    click.echo(result.first_sentence)
-    click.echo(verdict_sentence(result))
+    for line in filter(None, (result.first_sentence, verdict_sentence(result))):
+        click.echo(line)
     click.echo(
         f"Open {out / 'report.html'} in a browser, {out / 'gap.gpkg'} in QGIS; "
         f"{out / 'model' / 'config.toml'} has {file_has(result.advice.recommended)}"

@@ -66,8 +66,8 @@ _TESTS: Mapping[str, str] = {
     "one step": "from one state to the next",
 }
 
-#: No cause is stated to be more probable.
-MOST_SURE = 0.99
+#: No cause is stated to be more probable; one that is less probable is not listed.
+MOST_SURE, LISTED = 0.99, 0.005
 
 #: Rungs of the ladder that are no effect.
 RUNG_NAMES: Mapping[str, str] = {

@@ -15,8 +15,6 @@ UNNAMED = ("none", "unknown")
 
 #: Findings that are stated in a sentence.
 _STATED = 4
-#: Probability from which a cause is listed: below it would read 0 %.
-LISTED = 0.005
 #: What the map shows, if it differs from chance somewhere: reach and energy before the rest.
 MATTERS = ("speed_mps", "runout_m", "energy_kept", "height_m", "rotation_hz", "lateral_m")
 
@@ -159,7 +157,7 @@ def _ranked(diagnosis: Diagnosis) -> ReportAnswer:
             "{}: {} %", capital(words.effect_name(name)), f"{100.0 * min(p, words.MOST_SURE):.0f}"
         )
         for name, p in verdict.ranked.items()
-        if p >= LISTED
+        if p >= words.LISTED
     )
     sentences: list[str] = []
     others = [e for e in verdict.confusion_set if e not in verdict.effect.split("+")]

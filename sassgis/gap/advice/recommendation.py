@@ -17,6 +17,7 @@ from sassgis.gap.fit.site_data import Scale, SiteData
 from sassgis.gap.observations.case import Case
 from sassgis.gap.verdict.model_comparison import CONFIGURED, GROUND
 from sassgis.gap.words import (
+    LISTED,
     MOST_SURE,
     closed_percent,
     effect_name,
@@ -239,6 +240,7 @@ def _cause(verdict: Verdict, advice: Advice) -> Phrase:
     first, *others = (
         phrase("{} ({} %)", effect_name(name), f"{100.0 * min(p, MOST_SURE):.0f}")
         for name, p in verdict.ranked.items()
+        if p >= LISTED
     )
     if not others:
         return phrase("no cause is certain: most likely {}", first)
