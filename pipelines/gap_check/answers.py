@@ -11,7 +11,7 @@ from gap_check.worlds import World
 from sassgis.gap.causes.all_causes import GROUPS
 from sassgis.gap.diagnosis import GapFinding, ModelGap
 from sassgis.gap.fit.hypothesis_fit import CONTACT_LAW
-from sassgis.gap.verdict.verdict import adequate, causes_in
+from sassgis.gap.verdict.verdict import adequate
 
 #: Law of the sites that obey the model.
 OWN_LAW = "own"
@@ -137,7 +137,7 @@ def holds(truth: Truth, answer: Answer) -> bool:
 
 def is_covered(truth: Truth, answer: Answer) -> bool:
     """Whether the truth or its group is in the confusion set; of a pair, itself or both of it."""
-    sets = {in_order(name) for name in causes_in(answer.confusion_set)}
+    sets = {in_order(name) for name in answer.confusion_set}
     return bool(sets & {*truth.right}) or bool(
         truth.part == "pair" and names_in(truth.verdict) <= sets
     )

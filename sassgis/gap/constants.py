@@ -194,6 +194,7 @@ PATH_LAG_S, FAST_MPS = 0.5, 5.0
 #: errors of a coordinate.
 STATION_SIDE_S, FAR_ERRORS = 0.15, 8.0
 ROCK_FALL_M = 2.0  # least fall on the flights of a rock that shows a scale
+UPPER_FLIGHTS = (0.75, 0.95)  # shares of the flights, by what they gain, that show their errors
 COMPENSATED_PRODUCT = 0.1  # of neighbouring residuals: restarts from slightly wrong states make it
 SOON_BELOW_M = 30.0  # a stop so near below the last station may have an offset of the instruments
 LOG_SCALE = 0.35  # largest logarithm of a scale that is tried
@@ -330,8 +331,8 @@ BEGINNING_SHARE = 0.4  # of the sureness of the surest: less sure reaches are no
 #: Cohen, 1988, Statistical power analysis for the behavioral sciences, p. 26: d = 0.8).
 LARGE_GAP = 0.8
 #: Least power with which data must show a cause, by what it closes, for it to be named or excluded
-#: (the usual one of J. Cohen, 1988); and for what it closes to speak for it at all.
-NAMED_POWER, LEAST_POWER = 0.8, 0.05
+#: (the usual one of J. Cohen, 1988).
+NAMED_POWER = 0.8
 #: Up to what z and the sureness of a gain count, and their unit. Below zero they count nothing:
 #: many statistics are below their null where their cause is weak.
 MOST_Z, Z_UNIT = 8.0, 4.0

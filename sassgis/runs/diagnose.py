@@ -62,7 +62,7 @@ from sassgis.gap.verdict.evidence import (
     verdict_of,
 )
 from sassgis.gap.verdict.model_comparison import CONFIGURED, GROUND
-from sassgis.gap.verdict.verdict import adequate, causes_in
+from sassgis.gap.verdict.verdict import adequate
 from sassgis.grid import FloatArray
 from sassgis.inputs.observation_files import AnyObservations
 from sassgis.inputs.observation_values import cause_weights_of, read_thresholds, thresholds_of
@@ -277,7 +277,7 @@ def _measure_next(added: AddedCauses, verdict: Verdict) -> tuple[str, ...]:
     unknown = verdict.effect == UNKNOWN
     # A single cause is distinguished from none.
     named = [verdict.effect] if parts else []
-    possible = dict.fromkeys([*named, *causes_in(verdict.confusion_set), *[NONE] * unknown])
+    possible = dict.fromkeys([*named, *verdict.confusion_set, *[NONE] * unknown])
     problem, models = added.made.problem, {}
     for cause in possible:
         if cause not in parts and (own := _models_of(added, cause)):

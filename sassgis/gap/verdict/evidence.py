@@ -51,7 +51,6 @@ from sassgis.gap.verdict.verdict import (
     place_of,
     second_of,
     seen_of,
-    speaking,
     where,
 )
 from sassgis.gap.words import effect_key
@@ -78,11 +77,6 @@ class Evidence:
     findings: tuple[GapFinding, ...]
     gains: Mapping[str, CauseGain]  # by family
     notes: tuple[str, ...]  # what else the observations show
-
-    @property
-    def speaking(self) -> Mapping[str, CauseGain]:
-        """Gains that could speak for their causes."""
-        return speaking(self.prints, self.gains)
 
 
 def evidence_beyond(
@@ -228,11 +222,9 @@ class AddedCauses:
 def shares_of(
     evidence: Evidence, families: tuple[str, ...], weights: CauseWeights
 ) -> dict[str, float]:
-    """Return probability of each cause that these data could show, of "none" and of "unknown"."""
-    gains = evidence.speaking
-    seen = seen_of(evidence.prints, gains, families)
-    hidden, sound = len(families) - len(seen), adequate(evidence.findings)
-    return weights.shares(evidence.prints, gains, seen, hidden, sound)
+    """Return probability of each cause, of "none" and of "unknown"."""
+    sound = adequate(evidence.findings)
+    return weights.shares(evidence.prints, evidence.gains, families, sound)
 
 
 def _second(added: AddedCauses, first: str, weights: CauseWeights, frozen: Thresholds) -> str:
@@ -285,7 +277,8 @@ def verdict_of(
     fitted = () if effect in (UNKNOWN, CONTACT_LAW) else added.fit(effect).models
     case = added.made.problem.case
     phase, segments = place_of(effect, case, [own.draw for own in fitted], evidence.findings)
-    seen = (*shares, *effect.split("+"))
+    families = families_to_try(case)
+    seen = {*seen_of(evidence.prints, evidence.gains, families), *effect.split("+")}
     # The law of the contact is that of the base, whichever families there are.
     none = shares[NONE] if effect == CONTACT_LAW else 0.0
     verdict = Verdict(
@@ -294,7 +287,7 @@ def verdict_of(
         segments=segments, reason=reason, probabilities=dict(shares), group=group,
         base=CONTACT_LAW if law else "ground" if enough else "unresolved",
         group_probability=group_probability(group, shares) + none,
-        cannot_exclude=tuple(n for n in families_to_try(case) if n not in seen),
+        cannot_exclude=tuple(n for n in families if n not in seen),
     )  # fmt: skip
     return verdict, shrinkage
 
