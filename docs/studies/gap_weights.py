@@ -64,7 +64,6 @@ from sassgis.gap.verdict.verdict import (
     FEATURES,
     CauseWeights,
     Thresholds,
-    adequate,
     confidence_of,
     confusion_set,
     decide,
@@ -156,7 +155,7 @@ def row_of(site: str, folder: Path) -> dict[str, Any]:
     fixed = (
         site, spec.law, spec.slope, "+".join(e["name"] for e in effects),
         "+".join(e["strength"] for e in effects), spec.disturbance, spec.n_rocks, spec.kind,
-        int(adequate(found.findings)),
+        int(found.sound),
         round(max((g.excess for g in found.gains.values()), default=1.0), 2), "; ".join(against),
     )  # fmt: skip
     return dict(zip(FIXED, fixed, strict=True)) | z | gains

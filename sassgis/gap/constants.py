@@ -131,6 +131,30 @@ ONE_RELEASE_M = 10.0  # starts less far apart are one release: errors of the ter
 SPEED_PARTS = 10  # parts of the impacts by speed: those of one count as equally fast
 FLYING_M = 0.3  # above the resting position: from here most rocks at a station count as flying
 
+# --- residuals: discrepancy of the law of motion ----------------------------------------------
+
+#: By what share laws of motion differ from nature in a quantity (standard deviation), as the law
+#: of this program does at Tschamut and Chant Sura (docs/studies/kinematics.md: speeds up to 13 %,
+#: spins 5 to 45 %, heights up to 47 %, normal speeds of filmed contacts a fifth to two thirds,
+#: run-outs up to 10 %). The trend down the slope has half of that.
+LAW_SHARES: Mapping[str, float] = {
+    "speed_mps": 0.12, "rotation_hz": 0.2, "height_m": 0.35, "runout_m": 0.07,
+    "tangential_speed_mps": 0.08, "normal_speed_mps": 0.4, "spin_out_radps": 0.2,
+    "spin_ratio": 0.2, "energy_kept": 0.15, "rebound_angle_deg": 0.4,
+}  # fmt: skip
+LAW_TREND = 0.5
+#: Quantities of the calibration that change as those do.
+LAW_QUANTITIES: Mapping[str, str] = {
+    "speed": "speed_mps", "fastest_second": "speed_mps", "rotation": "rotation_hz",
+    "rim_ratio": "spin_ratio", "height": "height_m", "hop_height_90": "height_m",
+    "hop_length_90": "height_m", "between_contacts": "height_m", "contacts": "height_m",
+    "runout": "runout_m",
+}  # fmt: skip
+LEAST_SHARE_ERROR = 0.01  # of the mean of a place: errors of measurement that all rocks share
+#: The same as shares of the speed before an impact, of speed along and off the ground and of the
+#: surface speed after it.
+LAW_OUTCOMES = (0.08, 0.08, 0.12)
+
 # --- causes: all of them ---------------------------------------------------------------------
 
 FINGERPRINT_ROCKS = 5  # rocks or groups on which a fingerprint rests at least
