@@ -203,7 +203,8 @@ def _best_flights(rows: StepTable, n_rocks: int) -> tuple[StepTable, FloatArray]
     """Return the flight of each rock that gains most in standard deviations, and their numbers."""
     order = np.lexsort((-rows.z, rows.rock))
     rock = rows.rock[order]
-    best = order[np.flatnonzero(np.diff(rock, prepend=-1))]
+    best = np.zeros(len(rows), np.bool_)
+    best[order[np.flatnonzero(np.diff(rock, prepend=-1))]] = True
     flights = np.bincount(rock, minlength=n_rocks).astype(np.float64)
     return rows.where(best), flights[rows.rock[best]]
 
