@@ -218,6 +218,7 @@ PATH_LAG_S, FAST_MPS = 0.5, 5.0
 #: errors of a coordinate.
 STATION_SIDE_S, FAR_ERRORS = 0.15, 8.0
 ROCK_FALL_M = 2.0  # least fall on the flights of a rock that shows a scale
+LIKE_FLIGHTS = 0.5  # share of the flights that must be as long as a scale of speeds makes them
 UPPER_FLIGHTS = (0.75, 0.95)  # shares of the flights, by what they gain, that show their errors
 COMPENSATED_PRODUCT = 0.1  # of neighbouring residuals: restarts from slightly wrong states make it
 SOON_BELOW_M = 30.0  # a stop so near below the last station may have an offset of the instruments

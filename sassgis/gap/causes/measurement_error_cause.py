@@ -29,6 +29,8 @@ from sassgis.gap.constants import (
     FAR_ERRORS,
     FAST_MPS,
     FINGERPRINT_ROCKS,
+    FREE_FLIGHT_SHARE,
+    LIKE_FLIGHTS,
     LOG_SCALE,
     MISSTATED_SHARE,
     PATH_LAG_S,
@@ -172,7 +174,8 @@ def _against_falls(case: Case, residuals: ResidualTable) -> Scores:
     """Score energy gained between contacts over that of the fall: the square of the scale.
 
     Air, stems and contacts that were missed take energy, of single flights: too low a scale shows
-    in the flight of each rock that gains most, less what the errors of so many flights make of it.
+    in the flight of each rock that gains most, less what the errors of so many flights make of it,
+    if most flights are longer than such speeds allow by the same scale.
     """
     rows = residuals.steps.of("flight", _ENERGY)
     fell = np.bincount(rows.rock, rows.fell_jpkg, case.n_rocks)
@@ -186,6 +189,11 @@ def _against_falls(case: Case, residuals: ResidualTable) -> Scores:
     if float(share[flew].mean()) >= 0.0:
         scale = math.sqrt(1.0 + float(share[flew].mean()))
         return Scores(np.where(flew, share - usual, np.nan), scale)
+    # Where speeds are too low, flights are as much longer than these allow.
+    scale = math.sqrt(max(1.0 + float(np.median(gained / np.maximum(rows.fell_jpkg, 1.0))), 0.01))
+    alike = np.abs(rows.reach * scale - 1.0) < FREE_FLIGHT_SHARE
+    if alike.mean() < LIKE_FLIGHTS:
+        return Scores(np.where(flew, share, np.nan), 1.0)
     # Errors by the flights that gain most: losses scatter the others.
     low, high = np.quantile(rows.z, UPPER_FLIGHTS)
     scatter = min((high - low) / float(np.diff(ndtri(UPPER_FLIGHTS))[0]), 1.0)
@@ -194,7 +202,6 @@ def _against_falls(case: Case, residuals: ResidualTable) -> Scores:
     largest = ndtri((flights - 0.375) / (flights + 0.25))
     less = rows.predicted - rows.observed + scatter * largest * rows.sd
     middle = float(rows.fell_jpkg.mean())
-    scale = math.sqrt(max(1.0 - float(less.mean()) / middle, 0.0))
     room = (USUAL_SCALE**2 - 1.0) * np.abs(rows.fell_jpkg)
     return Scores(per_rock((less - room) / middle, rows.rock, case.n_rocks), scale)
 

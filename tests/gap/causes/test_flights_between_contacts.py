@@ -41,7 +41,7 @@ def flights(rise_m: NDArray[np.float64], kept: NDArray[np.float64], scale: float
         "rock": np.repeat(np.arange(ROCKS), EACH), "step": np.array("flight"),
         "quantity": np.array("energy_jpkg"), "observed": noisy[1], "predicted": predicted,
         "sd": 2.0 * ERROR * np.hypot(out, into), "ground": -1, "station": -1,
-        "radius_m": 0.4, "reach": 1.0, "way_m": 10.0, "clear_m": rise_m, "fell_jpkg": fell,
+        "radius_m": 0.4, "reach": 1.0 / scale, "way_m": 10.0, "clear_m": rise_m, "fell_jpkg": fell,
     }  # fmt: skip
     return StepTable(
         *(np.broadcast_to(np.asarray(given.get(f.name, np.nan)), n) for f in fields(StepTable))
