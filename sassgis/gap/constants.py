@@ -141,8 +141,12 @@ LAW_SHARES: Mapping[str, float] = {
     "speed_mps": 0.12, "rotation_hz": 0.2, "height_m": 0.35, "runout_m": 0.07,
     "tangential_speed_mps": 0.08, "normal_speed_mps": 0.4, "spin_out_radps": 0.2,
     "spin_ratio": 0.2, "energy_kept": 0.15, "rebound_angle_deg": 0.4,
+    "runout_m_spread": 0.25, "lateral_m_spread": 0.3, "turn_deg_spread": 0.4,
+    "rebound_angle_deg_spread": 0.3,
 }  # fmt: skip
 LAW_TREND = 0.5
+#: The same of what is tested of a scatter (mean of |PIT - 1/2| less that of the model).
+LAW_SCORES = 0.08
 #: Quantities of the calibration that change as those do.
 LAW_QUANTITIES: Mapping[str, str] = {
     "speed": "speed_mps", "fastest_second": "speed_mps", "rotation": "rotation_hz",
@@ -198,6 +202,10 @@ CLEAR_RADII, CLEAR_RISE_M = 1.0, 0.5
 #: Share of the length of a free flight beyond which a rock touched the ground on the way: what
 #: loses speed in the air comes less far.
 FREE_REACH = 1.1
+
+# --- causes: soft ground ---------------------------------------------------------------------
+
+SOFT_LOSS = 0.05  # share of the energy before a contact that is within the errors of the comparison
 
 # --- causes: fragmentation and entrainment ---------------------------------------------------
 

@@ -264,6 +264,7 @@ def _diagnosis(added: AddedCauses, chosen: Mapping[str, Any], fingerprint: str) 
         fingerprints=evidence.prints,
         gains=tuple(gains),
         ladder=rungs,
+        law=evidence.law,
         advice=advice,
         first_sentence=first_sentence(advice, rungs, verdict.effect),
     )

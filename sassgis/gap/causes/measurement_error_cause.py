@@ -160,9 +160,11 @@ def _passing(case: Case, residuals: ResidualTable) -> Scores:
         first, last = min(int(ends[0]), after - 1), max(int(ends[1]) - 1, after)
         way = [getattr(track, c)[rows] for c in "xyz"]
         distance = np.sqrt(sum((c[last] - c[first]) ** 2 for c in way))
-        if distance > FAR_ERRORS * error and t[last] - t[first] < PATH_LAG_S + 1e-6:
+        time = t[last] - t[first]
+        # Chosen by the speed: by the distance, errors would choose those that are too long.
+        if speed[i] * time > FAR_ERRORS * error and time < PATH_LAG_S + 1e-6:
             clean = float(_without_errors(distance, error))
-            own = math.log(speed[i] * (t[last] - t[first]) / clean), math.log(distance / clean)
+            own = math.log(speed[i] * time / clean), math.log(distance / clean)
             sums[:, rock[i]] += 1.0, *own
     count = np.where(sums[0] > 0.0, sums[0], np.nan)
     if np.isfinite(count).sum() < FINGERPRINT_ROCKS:

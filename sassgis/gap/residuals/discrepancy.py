@@ -15,8 +15,15 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from sassgis.gap.constants import FINDING_ROCKS, LAW_SHARES, LAW_TREND, LEAST_SHARE_ERROR
+from sassgis.gap.constants import (
+    FINDING_ROCKS,
+    LAW_SCORES,
+    LAW_SHARES,
+    LAW_TREND,
+    LEAST_SHARE_ERROR,
+)
 from sassgis.gap.residuals.rock_residuals import Residual
+from sassgis.grid import FloatArray
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,8 +42,9 @@ def without_discrepancy(
 ) -> tuple[tuple[Residual, ...], tuple[Discrepancy, ...]]:
     """Return residuals beyond the discrepancy of the law, and that discrepancy.
 
-    Its share and trend have the prior of ``LAW_SHARES``; scatters and what only one place has
-    (release, lateral offsets, turns, numbers of blocks) have none, and stay as they are.
+    Its share and trend have the prior of ``LAW_SHARES``, and what is tested of scatters that of
+    ``LAW_SCORES``. What only one place has (release, lateral offsets, turns, numbers of blocks) has
+    none, and stays as it is.
     """
     ends = [s for row in rows for s in (row.s0_m, row.s1_m) if np.isfinite(s)]
     low, high = (min(ends), max(ends)) if ends else (0.0, 1.0)
@@ -49,46 +57,57 @@ def without_discrepancy(
     by_kind: dict[tuple[str, str], list[Residual]] = {}
     for row in filter(_is_smooth, rows):
         by_kind.setdefault((row.test, row.quantity), []).append(row)
-    found = {
-        kind: law
-        for kind, same in by_kind.items()
-        if (law := _fitted(*kind, same, [along(row) for row in same])) is not None
-    }
+    found: dict[tuple[str, str], Discrepancy] = {}
+    shifts: dict[tuple[str, str], tuple[float, float, float] | None] = {}
+    for kind, same in by_kind.items():
+        places, sd = [along(row) for row in same], LAW_SHARES[kind[1]]
+        fitted = _fitted([_share(row.gap, row, row.predicted) for row in same], places, sd)
+        if fitted is not None:
+            found[kind] = Discrepancy(*kind, *fitted)
+        scores = [_share(row.tested(), row, None) for row in same if row.score is not None]
+        shifts[kind] = _fitted(scores, places, LAW_SCORES) if scores else None
     corrected = []
     for row in rows:
-        law = found.get((row.test, row.quantity))
-        if law is not None and _is_smooth(row):
+        law = found.get((row.test, row.quantity)) if _is_smooth(row) else None
+        shift = shifts.get((row.test, row.quantity)) if _is_smooth(row) else None
+        if law is not None:
             factor = 1.0 + law.share + law.trend * along(row)
             row = replace(row, predicted=row.predicted * factor)
+        if row.score is not None and shift is not None:
+            row = replace(row, score=row.score - shift[0] - shift[1] * along(row))
         corrected.append(row)
     return tuple(corrected), tuple(found.values())
 
 
 def _is_smooth(row: Residual) -> bool:
-    return row.score is None and row.quantity in LAW_SHARES
+    return row.quantity in LAW_SHARES and row.phase != "release"
+
+
+def _share(
+    values: FloatArray, row: Residual, unit: FloatArray | None
+) -> tuple[float, float] | None:
+    """Return the mean of values of rocks over that of a unit, and its error; None of few rocks."""
+    known = np.isfinite(values) & np.isfinite(row.gap)
+    weight = known * (np.ones(known.size) if row.weight is None else row.weight)
+    total = float(weight.sum())
+    size = total if unit is None else abs(float(weight @ np.where(known, unit, 0.0)))
+    if known.sum() < FINDING_ROCKS or not size > 0.0:
+        return None
+    filled = np.where(known, values, 0.0)
+    off = known * (filled - float(weight @ filled) / total)
+    error = max(float(np.sqrt(weight**2 @ off**2)) / size, LEAST_SHARE_ERROR)
+    return float(weight @ filled) / size, error
 
 
 def _fitted(
-    test: str, quantity: str, rows: Sequence[Residual], along: Sequence[float]
-) -> Discrepancy | None:
-    """Fit share and trend to the mean gaps of all places, by their errors and the prior."""
-    seen = []
-    for row, at in zip(rows, along, strict=True):
-        known = np.isfinite(row.gap)
-        weight = known * (np.ones(known.size) if row.weight is None else row.weight)
-        total = float(weight.sum())
-        size = abs(float(weight @ np.where(known, row.predicted, 0.0)))
-        if known.sum() < FINDING_ROCKS or not size > 0.0:
-            continue
-        gap = np.where(known, row.gap, 0.0)
-        off = known * (gap - float(weight @ gap) / total)
-        error = max(float(np.sqrt(weight**2 @ off**2)) / size, LEAST_SHARE_ERROR)
-        seen.append((at, float(weight @ gap) / size, error))
-    if not seen:
+    seen: Sequence[tuple[float, float] | None], along: Sequence[float], sd: float
+) -> tuple[float, float, float] | None:
+    """Fit a level and a trend to means of places, by their errors and the prior; its error."""
+    known = [(at, *own) for at, own in zip(along, seen, strict=True) if own is not None]
+    if not known:
         return None
-    at, gap, error = np.array(seen).T
+    at, mean, error = np.array(known).T
     design = np.column_stack([np.ones(at.size), at]) / error[:, None]
-    sd = LAW_SHARES[quantity]
     precision = design.T @ design + np.diag([sd**-2, (LAW_TREND * sd) ** -2])
-    share, trend = np.linalg.solve(precision, design.T @ (gap / error)).tolist()
-    return Discrepancy(test, quantity, share, trend, float(np.linalg.inv(precision)[0, 0] ** 0.5))
+    level, trend = np.linalg.solve(precision, design.T @ (mean / error)).tolist()
+    return level, trend, float(np.linalg.inv(precision)[0, 0] ** 0.5)

@@ -304,7 +304,8 @@ def verdict_of(
         effect=effect, confidence=confidence_of(effect, shares, frozen.right),
         confusion_set=confusion_set(effect, frozen.possible, shares), phase=phase,
         segments=segments, reason=reason, probabilities=dict(shares), group=group,
-        base=CONTACT_LAW if law else "ground" if enough else "unresolved",
+        base=CONTACT_LAW if law or (sound and evidence.law) else GROUND if enough else "unresolved",
+        adequate=sound,
         group_probability=group_probability(group, shares) + none,
         cannot_exclude=tuple(n for n in families if n not in seen),
     )  # fmt: skip
