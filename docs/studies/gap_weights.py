@@ -347,7 +347,7 @@ def answer_of(row: Row, weights: CauseWeights, thresholds: Thresholds) -> Answer
     """What would be answered, were nothing known of the distance on rocks left out."""
     prints, gains = evidence(row)
     shares, is_adequate = shares_at(row, weights), bool(int(row["adequate"]))
-    effect, group, _ = decide(prints, shares, is_adequate, None, thresholds, False)
+    effect, group, _ = decide(prints, gains, shares, is_adequate, None, thresholds, False)
     seen = seen_of(prints, gains, FAMILIES)
     return Answer(
         case=row["site"],

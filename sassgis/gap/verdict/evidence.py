@@ -279,7 +279,9 @@ def verdict_of(
         first = NONE
     shrinkage = added.shrinkage(first) if first != NONE else _nothing_added(added)
     closes = shrinkage.value if first != NONE and CAUSES[first].closes else None
-    effect, group, reason = decide(evidence.prints, shares, sound, closes, frozen, law)
+    effect, group, reason = decide(
+        evidence.prints, evidence.gains, shares, sound, closes, frozen, law
+    )
     if effect == first and effect != NONE:
         second = _second(added, first, weights, frozen)
         if second:

@@ -350,8 +350,13 @@ def seen_of(
     return tuple(n for n in tried if n in by_prints or n in by_gains)
 
 
-def is_clear(prints: Sequence[Fingerprint], effect: str) -> bool:
-    """Return whether a fingerprint that no contact could leave shows a cause."""
+def is_clear(prints: Sequence[Fingerprint], gains: Mapping[str, CauseGain], effect: str) -> bool:
+    """Return whether a cause shows by what no law of the contact leaves.
+
+    By such a fingerprint, or by what it certainly closes beyond ground and discrepancy of the law.
+    """
+    if effect in gains and CAUSES[effect].closes and gains[effect].sureness >= SHOWING_GAIN:
+        return True
     return any(
         f.effect == effect and f.observable and f.statistic in _CLEAR and f.z >= PRINTED_Z
         for f in prints
@@ -376,6 +381,7 @@ def second_of(
 
 def decide(
     prints: Sequence[Fingerprint],
+    gains: Mapping[str, CauseGain],
     shares: Mapping[str, float],
     is_adequate: bool,
     closes: float | None,
@@ -384,8 +390,8 @@ def decide(
 ) -> tuple[str, str, str]:
     """Return the answer, its group ("" where not even that is certain), and the reason.
 
-    ``shares``: probability of each family, of "none" and of "unknown"; a family is named only by a
-    fingerprint that no contact could leave.
+    ``shares``: probability of each family, of "none" and of "unknown"; a family is named only by
+    what no contact could leave.
     ``is_adequate``: whether the calibrated base leaves no gap that is significant and large.
     ``closes``: share of the gap that the most probable family closes, on rocks left out; None where
     that says nothing of it. ``law``: whether the base needs another law of the contact.
@@ -394,15 +400,16 @@ def decide(
     best = strongest(prints)
     first = max(tried, key=lambda n: shares[n], default="")
     refused = phrase("")
-    if first and shares[first] >= thresholds.named and is_clear(prints, first):
+    if first and shares[first] >= thresholds.named and is_clear(prints, gains, first):
         # Such a cause is one also where the rocks come as far without it.
         if closes is None or closes > 0.0 or is_certain(prints, first, thresholds):
             sure = f"{min(shares[first], 0.99):.0%}"
-            seen, z = phrase(best[first].statistic), f"{best[first].z:.1f}"
             reason = phrase("{} probable by its fingerprints", sure)
             if closes is not None and closes > 0.0:
                 reason = phrase("{} probable by its fingerprints and by what it closes", sure)
-            reason = phrase("{}; the surest of its own: {} (z = {})", reason, seen, z)
+            if first in best:
+                seen, z = phrase(best[first].statistic), f"{best[first].z:.1f}"
+                reason = phrase("{}; the surest of its own: {} (z = {})", reason, seen, z)
             return first, group_of(first), reason
         refused = phrase(
             "the fingerprints are those of {}, but the effect closes none of the gap on rocks that "

@@ -161,9 +161,10 @@ FLIGHTS = "energy lost at once, on few flights"
 
 
 def answer(prints: list[Fingerprint], p: dict[str, float], gaps: list[GapFinding],
-           closes: float | None = None) -> tuple[str, str]:  # fmt: skip
+           closes: float | None = None, *gains: CauseGain) -> tuple[str, str]:  # fmt: skip
     law = any(f.effect == CONTACT_LAW for f in prints)
-    return decide(prints, p, adequate(gaps), closes, FROZEN, law)[:2]
+    by_name = {gain.effect: gain for gain in gains}
+    return decide(prints, by_name, p, adequate(gaps), closes, FROZEN, law)[:2]
 
 
 def test_none_is_answered_only_where_the_base_is_adequate() -> None:
@@ -193,7 +194,7 @@ def test_a_family_is_named_where_it_is_probable_and_closes_something() -> None:
     # A cause that is alone in its group is named, or nothing is: that group has no other.
     start = shares(release_error=0.8)
     early = printed("release_error", 5.0, statistic=statistic_of("release_error", True))
-    _, group, reason = decide([early], start, False, -0.1, FROZEN, False)
+    _, group, reason = decide([early], {}, start, False, -0.1, FROZEN, False)
     assert group == "start" and "a cause of the group" not in reason
     # What hangs on no contact names it all the same, if it is certain.
     for z, named in ((5.0, "unknown"), (7.0, "trees")):
@@ -210,15 +211,20 @@ def gained(effect: str, sureness: float, power: float = 1.0) -> CauseGain:
 
 
 @pytest.mark.parametrize("effect", FAMILIES)
-def test_what_a_contact_could_leave_and_a_gain_alone_name_nothing(effect: str) -> None:
+def test_a_cause_is_named_by_what_no_contact_could_leave(effect: str) -> None:
     kinds = {s.clear: s.name for s in CAUSES[effect].statistics}
     usual = [printed(effect, 9.0, statistic=name) for clear, name in kinds.items() if not clear]
-    likely = shares(**{effect: 0.9})
-    assert answer(usual, likely, [gap(1.0)], 0.5)[0] == "unknown"
+    likely, gaps = shares(**{effect: 0.9}), [gap(1.0)]
+    assert answer(usual, likely, gaps, 0.5)[0] == "unknown"
     for z, named in ((2.9, False), (3.1, True)):
         seen = [printed(effect, z, statistic=name) for clear, name in kinds.items() if clear]
-        found = answer([*usual, *seen], likely, [gap(1.0)], 0.5)[0]
+        found = answer([*usual, *seen], likely, gaps, 0.5)[0]
         assert (found == effect) == (named and bool(seen))
+    # Or by what it certainly closes beyond ground and law, unless masses alone show it.
+    closes = CAUSES[effect].closes
+    for sureness, named in ((4.9, False), (5.1, closes)):
+        found = answer([], likely, gaps, 0.5, gained(effect, sureness))[0]
+        assert (found == effect) == named
 
 
 def test_a_nil_gain_speaks_against_a_cause() -> None:

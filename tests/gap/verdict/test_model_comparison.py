@@ -12,6 +12,7 @@ from scipy.spatial.distance import euclidean
 from sassgis.gap.diagnosis import Rung
 from sassgis.gap.fit.distances import RockDistances
 from sassgis.gap.fit.hypothesis_fit import NONE
+from sassgis.gap.fit.linear_fit import law_changes, summary_of
 from sassgis.gap.fit.site_data import SiteData, model_rows, site_data_of
 from sassgis.gap.forward.released_rocks import configured_model
 from sassgis.gap.verdict.model_comparison import (
