@@ -8,6 +8,7 @@ from dataclasses import asdict, dataclass, field
 from typing import Any
 
 from sassgis.gap.forward.released_rocks import HypothesisModel
+from sassgis.gap.residuals.discrepancy import Discrepancy
 
 Range = tuple[float, float]
 
@@ -64,6 +65,9 @@ class Verdict:
     #: What the base needs: "ground" (calibrated ground is adequate), "contact_law" (the contact
     #: follows another law), "unresolved".
     base: str = "unresolved"
+    #: Whether the base leaves no gap that is significant and large beyond the discrepancy of its
+    #: law of motion.
+    adequate: bool = False
     group_probability: float = math.nan  # of its causes together; NaN without a group
     #: Causes that these data could not show: neither named nor excluded; counted as "unknown" in
     #: the probabilities.
@@ -77,9 +81,25 @@ class Verdict:
 
     @property
     def ranked(self) -> Mapping[str, float]:
-        """Probabilities; where the contact follows another law, "none" is that law."""
-        none = "contact_law" if self.effect == "contact_law" else "none"
-        return {none if n == "none" else n: p for n, p in self.probabilities.items()}
+        """Probabilities, most likely first, as they are shown.
+
+        "unknown" has those of the causes that these data cannot show; where the contact follows
+        another law, "none" is that law.
+        """
+        names = dict.fromkeys(self.cannot_exclude, "unknown")
+        if self.effect == "contact_law":
+            names["none"] = "contact_law"
+        found: dict[str, float] = {}
+        for name, p in self.probabilities.items():
+            shown = names.get(name, name)
+            found[shown] = found.get(shown, 0.0) + p
+        return dict(sorted(found.items(), key=lambda one: -one[1]))
+
+    @property
+    def rivals(self) -> tuple[str, ...]:
+        """What these data could show, and do not separate from the answer."""
+        own = {*self.effect.split("+"), *self.cannot_exclude}
+        return tuple(name for name in self.confusion_set if name not in own)
 
 
 @dataclass(frozen=True, slots=True)
@@ -289,11 +309,13 @@ class Diagnosis:
     first_sentence: str = ""
     where_configured: tuple[GapFinding, ...] = ()  # of the configured model
     not_testable: str = ""  # causes that these data cannot show, and what would show them
+    #: Discrepancy of the law of motion of the base; empty where it leaves no large gap without.
+    law: tuple[Discrepancy, ...] = ()
 
 
 def as_json(diagnosis: Diagnosis) -> dict[str, Any]:
     """Return the diagnosis in the layout of ``diagnosis.json``; missing numbers become None."""
-    records = ("where", "where_configured", "which", "fingerprints", "gains", "ladder")
+    records = ("where", "where_configured", "which", "fingerprints", "gains", "ladder", "law")
     plain: dict[str, Any] = without_nan(
         {
             "first_sentence": diagnosis.first_sentence,

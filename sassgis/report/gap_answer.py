@@ -160,8 +160,7 @@ def _ranked(diagnosis: Diagnosis) -> ReportAnswer:
         if p >= words.LISTED
     )
     sentences: list[str] = []
-    others = [e for e in verdict.confusion_set if e not in verdict.effect.split("+")]
-    if others:
+    if others := verdict.rivals:
         possible = "These data do not separate it from: {}."
         if verdict.effect == "unknown":
             possible = "Still possible: {}."

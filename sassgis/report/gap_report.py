@@ -20,7 +20,6 @@ from sassgis.gap.diagnosis import (
 )
 from sassgis.gap.observations.case import Case
 from sassgis.gap.verdict.verdict import (
-    causes_in,
     is_stretch,
     limits_on,
     line_stretch,
@@ -62,8 +61,8 @@ def report_warnings(case: Case, diagnosis: Diagnosis) -> list[str]:
             "named."
         )
         out.append(phrase(text, diagnosis.rocks))
-    if verdict.effect not in gap_answer.UNNAMED and len(verdict.confusion_set) > 1:
-        names = gap_answer.effect_names(verdict.confusion_set)
+    if verdict.effect not in gap_answer.UNNAMED and verdict.rivals:
+        names = gap_answer.effect_names((verdict.effect, *verdict.rivals))
         out.append(phrase("These data allow several explanations: {}.", names))
     if diagnosis.effect.stand is not None:
         out.append(
@@ -219,7 +218,7 @@ def gap_figures(case: Case, diagnosis: Diagnosis, folder: Path) -> list[ReportFi
                 diagnosis.which,
                 probabilities=verdict.ranked,
                 verdict=verdict.effect,
-                confusion=causes_in(verdict.confusion_set),
+                rivals=verdict.rivals,
             ),
         )
     return out
@@ -383,7 +382,7 @@ def _where_table(title: str, findings: tuple[GapFinding, ...]) -> ReportTable:
 
 def _causes_table(diagnosis: Diagnosis) -> ReportTable:
     verdict = diagnosis.verdict
-    separated = dict.fromkeys(causes_in(verdict.confusion_set), "no")
+    separated = dict.fromkeys(verdict.rivals, "no")
     separated[verdict.effect] = "the answer"
     gains = {gain.effect: gain for gain in diagnosis.gains}
     return table_of(

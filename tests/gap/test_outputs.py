@@ -802,7 +802,7 @@ def test_hypotheses_show_what_is_confused(case: Case) -> None:
     diagnosis = with_trees(case)
     shares = diagnosis.verdict.probabilities
     figure = figures.gap_hypotheses_figure(
-        diagnosis.which, probabilities=shares, verdict="trees", confusion=("trees", "soft_ground")
+        diagnosis.which, probabilities=shares, verdict="trees", rivals=("soft_ground",)
     )
     (named,) = find(figure, "share-trees")
     (confused,) = find(figure, "share-soft_ground")
@@ -813,7 +813,7 @@ def test_hypotheses_show_what_is_confused(case: Case) -> None:
     assert "71 %" in texts(figure) and "< 1 %" in texts(figure)
     # Where nothing is named there is no colour.
     grey = figures.gap_hypotheses_figure(
-        diagnosis.which, probabilities=shares, verdict="unknown", confusion=("unknown", "trees")
+        diagnosis.which, probabilities=shares, verdict="unknown", rivals=("trees",)
     )
     assert {b.get_facecolor() for b in find(grey, "share-trees")} == {other.get_facecolor()}
     assert {d.get_color() for d in find(grey, "gain")} == {GREY}

@@ -470,7 +470,7 @@ def gap_hypotheses_figure(
     *,
     probabilities: Mapping[str, float],
     verdict: str,
-    confusion: Sequence[str] = (),
+    rivals: Sequence[str] = (),
 ) -> Figure:
     """Draw probability and gain of each cause; marks the one that is named, and its rivals.
 
@@ -480,7 +480,7 @@ def gap_hypotheses_figure(
     rows = list(dict.fromkeys([*probabilities, *fitted]))
     n = len(rows)
     named = "" if verdict in ("none", "unknown", "contact_law") else verdict
-    others = [e for e in confusion if e != verdict] if named else []
+    others = rivals if named else ()
     note = phrase(
         "Left: probability of being the cause. Right: by how much the energy score of held-out "
         "rocks falls below that of the calibrated base model, with 95 % interval (rocks "
