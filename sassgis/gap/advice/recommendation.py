@@ -104,8 +104,7 @@ def _arrivals(
     rng = np.random.default_rng([problem.seed, 58, column])
     low, high = _interval(lambda rows: more[rows].mean(), problem.unit, rng).tolist()
     # Where all rocks were seen, samples of them are all alike: the model has scatter all the same.
-    share = made.mean(axis=0)
-    half = 196.0 * math.sqrt(float((share * (1.0 - share)).sum())) / seen.size
+    half = 196.0 * math.sqrt(float(made.var(axis=0, ddof=1).sum())) / seen.size
     low, high = min(low, float(more.mean()) - half), max(high, float(more.mean()) + half)
     return ModelGap(
         place=place, quantity="arrived", statistic="mean", unit="%",

@@ -284,7 +284,7 @@ def test_rocks_that_a_model_stops_too_early_count_as_a_shortfall(
     rows[..., absent] = 0.0
     rows[0, :, absent] = 1.0
     (own,) = [g for g in model_gaps(lucky, rows) if g.key == short.key]
-    half = 196.0 * (3.0 / 16.0 / own.rocks) ** 0.5
+    half = 196.0 * (1.0 / 4.0 / own.rocks) ** 0.5
     assert own.gap == pytest.approx(25.0)
     assert own.ci95 == pytest.approx((25.0 - half, 25.0 + half))
     # More in the model than were recorded: a station may have missed some.
