@@ -353,9 +353,11 @@ def seen_of(
 def is_clear(prints: Sequence[Fingerprint], gains: Mapping[str, CauseGain], effect: str) -> bool:
     """Return whether a cause shows by what no law of the contact leaves.
 
-    By such a fingerprint, or by what it certainly closes beyond ground and discrepancy of the law.
+    By such a fingerprint, or by what it certainly closes beyond ground and discrepancy of the law,
+    unless it acts at the contact, where another law may close as much.
     """
-    if effect in gains and CAUSES[effect].closes and gains[effect].sureness >= SHOWING_GAIN:
+    closes = CAUSES[effect].closes and group_of(effect) != group_of(CONTACT_LAW)
+    if closes and effect in gains and gains[effect].sureness >= SHOWING_GAIN:
         return True
     return any(
         f.effect == effect and f.observable and f.statistic in _CLEAR and f.z >= PRINTED_Z
