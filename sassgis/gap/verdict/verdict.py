@@ -51,7 +51,7 @@ from sassgis.gap.residuals.rock_residuals import (
     t_statistics,
 )
 from sassgis.gap.words import effect_key
-from sassgis.grid import BoolArray, FloatArray, IntArray
+from sassgis.grid import FloatArray, IntArray
 from sassgis.settings.languages import joined, phrase
 from sassgis.settings.results import TraceSet
 from sassgis.terrain.flatten import chainage_to_xy
@@ -353,9 +353,11 @@ def seen_of(
 def is_clear(prints: Sequence[Fingerprint], gains: Mapping[str, CauseGain], effect: str) -> bool:
     """Return whether a cause shows by what no law of the contact leaves.
 
-    By such a fingerprint, or by what it certainly closes beyond ground and discrepancy of the law.
+    By such a fingerprint, or by what it certainly closes beyond ground and discrepancy of the law,
+    unless it acts at the contact, where another law may close as much.
     """
-    if effect in gains and CAUSES[effect].closes and gains[effect].sureness >= SHOWING_GAIN:
+    closes = CAUSES[effect].closes and group_of(effect) != group_of(CONTACT_LAW)
+    if closes and effect in gains and gains[effect].sureness >= SHOWING_GAIN:
         return True
     return any(
         f.effect == effect and f.observable and f.statistic in _CLEAR and f.z >= PRINTED_Z
@@ -498,20 +500,18 @@ class CauseWeights:
 
     weights: FloatArray  # shape (4,); of FEATURES
     offset: float  # by which a cause is less likely than "none" before any evidence
-    hidden: float  # by which one is less likely still that these data could not show
     other: float  # logarithm of the odds of an effect that is not known
     #: What a gap that the base leaves counts for such an effect, if it is significant and large.
     unsound: float
     farthest: float  # excess of the base that one site of a hundred exceeds (``CauseGain``)
 
-    def logits(self, evidence: FloatArray, seen: BoolArray, sound: bool) -> FloatArray:
+    def logits(self, evidence: FloatArray, sound: bool) -> FloatArray:
         """Return log odds against "none" of an unknown effect, and of each cause, shape (n + 1,).
 
-        ``evidence``: FEATURES of each cause, (n, 4); ``seen``: whether these data could show it,
-        (n,); ``sound``: whether the base leaves no gap that is significant and large.
+        ``evidence``: FEATURES of each cause, (n, 4); ``sound``: whether the base leaves no gap that
+        is significant and large.
         """
-        rows = evidence.reshape(-1, len(FEATURES))
-        causes = rows @ self.weights - self.offset - self.hidden * ~seen
+        causes = evidence.reshape(-1, len(FEATURES)) @ self.weights - self.offset
         return np.append(self.other + self.unsound * (not sound), causes)
 
     def shares(
@@ -522,10 +522,8 @@ class CauseWeights:
         sound: bool = True,
     ) -> dict[str, float]:
         """Return the probability of causes, "none" and "unknown", most likely first."""
-        seen = seen_of(prints, gains, tried)
         evidence = np.array([evidence_of(name, prints, gains) for name in tried])
-        logits = self.logits(evidence, np.array([n in seen for n in tried], bool), sound)
-        p = softmax(np.append(0.0, logits))
+        p = softmax(np.append(0.0, self.logits(evidence, sound)))
         names = (NONE, UNKNOWN, *tried)
         return {names[k]: float(p[k]) for k in np.argsort(-p, kind="stable").tolist()}
 
