@@ -247,18 +247,16 @@ def _how_far(diagnosis: Diagnosis) -> ReportAnswer:
     if nothing_changed(diagnosis):
         return ReportAnswer(heading)
     said = _of_recommended(diagnosis)
-    note = [_sentence(shrinkage.note)] if shrinkage.note else []
     effect = words.effect_name(shrinkage.effect)
     if diagnosis.verdict.named:
-        if shrinkage.value is None:
-            said.append(phrase("No share is stated, because the gap may be chance."))
-        else:
+        if shrinkage.value is not None:
             text = (
                 "Adding {} closes {} of the gap that calibration leaves beyond chance{}, on rocks "
                 "left out."
             )
             said.append(phrase(text, effect, _share(shrinkage.value), _span(shrinkage)))
-        said += note
+        if shrinkage.note:
+            said.append(_sentence(shrinkage.note))
     elif shrinkage.ci95 is not None and shrinkage.ci95[0] > 0.0:
         text = (
             "With {} it would shrink by another {}{}. Another law of the contact may close as "

@@ -24,6 +24,7 @@ from sassgis.gap.advice.recommendation import (
     settings_of,
     shortfall,
     values_of,
+    without_numbers,
     worst_of,
     wrong_ground,
 )
@@ -226,6 +227,7 @@ def _diagnosis(added: AddedCauses, chosen: Mapping[str, Any], fingerprint: str) 
     beyond = ladder.gain(GROUND, CONTACT_LAW)
     if not law and recommended == GROUND and beyond is not None and beyond.low > 0.0:
         why = why or _NOT_THE_LAW
+    rungs = ladder.rungs(CONFIGURED, GROUND, CONTACT_LAW, *steps)
     # Of the configured ground nothing was calibrated.
     fit = None if recommended == CONFIGURED else added.fit(recommended)
     handed = as_configured if fit is None else fit.handed_over.draw.model
@@ -239,9 +241,9 @@ def _diagnosis(added: AddedCauses, chosen: Mapping[str, Any], fingerprint: str) 
         ground_range=case.ground_range,
         settings=() if fit is None else settings_of(case, fit, intervals[fit.effect]),
         trade_offs=tuple((t.one, t.other, t.correlation) for t in fit.trade_offs) if fit else (),
-        compared=before, left=left, recommended=recommended, short=shortfall(left), why=why,
+        compared=before, left=left, recommended=recommended, short=shortfall(left),
+        why=without_numbers(why, rungs),
     )  # fmt: skip
-    rungs = ladder.rungs(CONFIGURED, GROUND, CONTACT_LAW, *steps)
     configured_case, residuals = residuals_with(case, as_configured, seed=problem.seed)
     gains = sorted(evidence.gains.values(), key=lambda gain: -gain.sureness)
     excess = max((gain.excess for gain in gains), default=1.0)

@@ -198,6 +198,16 @@ def wrong_ground(case: Case, intervals: Mapping[str, Range]) -> tuple[str, ...]:
 # In words
 
 
+def without_numbers(why: str, ladder: Sequence[Rung]) -> str:
+    """Return why no further model is recommended, without distances, as they may be below zero."""
+    by = [
+        phrase("by {} beyond {}", rung_name(r.rung), rung_name(r.over))
+        for r in ladder
+        if r.gain_ci95 is not None and not r.gain_ci95[0] > 0.0
+    ]
+    return phrase("no certain gain on rocks left out {}", joined(", ", by)) if why and by else why
+
+
 def first_sentence(advice: Advice, ladder: Sequence[Rung], verdict: Verdict) -> Phrase:
     """State where the configured model is off and why, how far and to which side; what to set."""
     gap = advice.configured
@@ -293,7 +303,7 @@ def _shares(ladder: Sequence[Rung]) -> dict[str, Phrase]:
 
 def _to_run(advice: Advice, ladder: Sequence[Rung]) -> list[Phrase]:
     """State what is recommended, and why nothing more is."""
-    why = _why(advice, ladder)
+    why = [phrase("{}.", capital(advice.why))] if advice.why else []
     if advice.recommended == CONFIGURED:
         if advice.short is not None:
             return [phrase("No tried model is recommended."), *why]
@@ -315,20 +325,6 @@ def _to_run(advice: Advice, ladder: Sequence[Rung]) -> list[Phrase]:
         text = "{} is not part of the motion. The file does not contain it."
         why = [phrase(text, capital(effect_name("+".join(apart)))), *why]
     return [phrase("Run model/config.toml (with {}).", name), *why]
-
-
-def _why(advice: Advice, ladder: Sequence[Rung]) -> list[Phrase]:
-    """Return why no further model is recommended; numbers are in the ladder."""
-    if not advice.why:
-        return []
-    by = [
-        phrase("by {} beyond {}", rung_name(r.rung), rung_name(r.over))
-        for r in ladder
-        if r.gain_ci95 is not None and not r.gain_ci95[0] > 0.0
-    ]
-    if by:
-        return [phrase("No certain gain on rocks left out {}.", joined(", ", by))]
-    return [phrase("{}.", capital(advice.why))]
 
 
 def _closed(rung: Rung) -> Phrase:

@@ -371,7 +371,7 @@ def gap_distributions_figure(comparisons: Sequence[Comparison], *, effect: str =
     sheet = style.Sheet("Observed and simulated, before and after", note, 1.95 * rows)
     axes = sheet.figure.subplots(rows, columns, squeeze=False, sharey=True)
     for ax, comparison in zip(axes.flat, chosen, strict=False):
-        _draw_comparison(ax, comparison, style.WIDTH_IN / columns - 0.3, shown)
+        _draw_comparison(ax, comparison, style.WIDTH_IN / columns - 0.6, shown)
     for ax in axes.flat[len(chosen) :]:
         ax.set_axis_off()
     for ax in axes[:, 0]:

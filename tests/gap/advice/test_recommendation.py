@@ -13,6 +13,7 @@ from sassgis.gap.advice.recommendation import (
     model_gaps,
     shortfall,
     values_of,
+    without_numbers,
     worst_of,
 )
 from sassgis.gap.diagnosis import Advice, GroundSetting, ModelGap, Rung, Verdict
@@ -159,10 +160,12 @@ def test_no_more_than_all_of_the_gap_is_closed() -> None:
 
 def test_the_sentence_recommends_what_gains_and_says_why_not_more() -> None:
     rungs = (*RUNGS[:2], Rung("trees", 0.9, 0.7, (0.5, 0.9), "ground", 0.1, (-0.1, 0.2)))
-    said = first_sentence(advice("ground", "no certain gain, in numbers"), rungs, NOTHING)
+    why = without_numbers("no certain gain (energy distance \u22120.02)", rungs)
+    assert without_numbers("another law", RUNGS) == "another law" and not without_numbers("", rungs)
+    said = first_sentence(advice("ground", why), rungs, NOTHING)
     assert "Set debris: eta_max 0.72" in said and "shrinks by 66 %" in said
     assert "No certain gain on rocks left out by trees beyond calibrated ground." in said
-    assert "Run model/config.toml" not in said and "in numbers" not in said
+    assert "Run model/config.toml" not in said and "energy distance" not in said
     said = first_sentence(advice("configured", "ground closes nothing"), RUNGS, NOTHING)
     assert "Keep the configured ground. Ground closes nothing." in said and "Set" not in said
 
