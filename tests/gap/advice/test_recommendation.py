@@ -137,6 +137,15 @@ def test_the_most_probable_causes_are_said_where_none_is_named() -> None:
     assert "most likely another law of the contact (99 %); with calibrated ground" in said
 
 
+def test_causes_that_cannot_be_seen_are_ranked_with_the_unknown() -> None:
+    shares = {"trees": 0.4, "unknown": 0.3, "air_drag": 0.2, "none": 0.1}
+    held = ("unknown", "trees", "air_drag")
+    verdict = Verdict("unknown", float("nan"), held, "", (), "", shares, cannot_exclude=held[2:])
+    assert list(verdict.ranked) == ["unknown", "trees", "none"]
+    assert verdict.ranked["unknown"] == pytest.approx(0.5)
+    assert verdict.rivals == ("trees",)
+
+
 def test_stations_that_are_off_alike_are_one_place() -> None:
     def at(place: str, size: float) -> ModelGap:
         return gap(size, 5.0, **{**ENERGY, "place": place})
