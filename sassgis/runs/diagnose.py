@@ -24,7 +24,6 @@ from sassgis.gap.advice.recommendation import (
     settings_of,
     shortfall,
     values_of,
-    without_numbers,
     worst_of,
     wrong_ground,
 )
@@ -242,7 +241,7 @@ def _diagnosis(added: AddedCauses, chosen: Mapping[str, Any], fingerprint: str) 
         settings=() if fit is None else settings_of(case, fit, intervals[fit.effect]),
         trade_offs=tuple((t.one, t.other, t.correlation) for t in fit.trade_offs) if fit else (),
         compared=before, left=left, recommended=recommended, short=shortfall(left),
-        why=without_numbers(why, rungs),
+        why=why,
     )  # fmt: skip
     configured_case, residuals = residuals_with(case, as_configured, seed=problem.seed)
     gains = sorted(evidence.gains.values(), key=lambda gain: -gain.sureness)

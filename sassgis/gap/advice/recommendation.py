@@ -26,7 +26,6 @@ from sassgis.gap.words import (
     number_text,
     quantity_name,
     range_text,
-    rung_name,
 )
 from sassgis.grid import BoolArray, FloatArray, IntArray
 from sassgis.settings.languages import Phrase, all_of, capital, joined, named, phrase
@@ -196,16 +195,6 @@ def wrong_ground(case: Case, intervals: Mapping[str, Range]) -> tuple[str, ...]:
 
 # ---------------------------------------------------------------------------------------------
 # In words
-
-
-def without_numbers(why: str, ladder: Sequence[Rung]) -> str:
-    """Return why no further model is recommended, without distances, as they may be below zero."""
-    by = [
-        phrase("by {} beyond {}", rung_name(r.rung), rung_name(r.over))
-        for r in ladder
-        if r.gain_ci95 is not None and not r.gain_ci95[0] > 0.0
-    ]
-    return phrase("no certain gain on rocks left out {}", joined(", ", by)) if why and by else why
 
 
 def first_sentence(advice: Advice, ladder: Sequence[Rung], verdict: Verdict) -> Phrase:
