@@ -306,7 +306,7 @@ def test_rocks_left_out_are_scored_with_the_configuration_that_is_handed_over(
         f"name,{','.join(names)},source,trust\n"
         f"soft_meadow,{','.join(str(v) for v in values.values())},test,estimate\n"
     )
-    text = case.config.read_text().replace("[ground]", '[ground]\nclasses = "classes.csv"')
+    text = case.config.read_text().replace("former_classes.csv", "classes.csv")
     for file in ("dem.tif", "release.gpkg"):
         text = text.replace(f'"{file}"', f'"{folder / file}"')
     (tmp_path / "config.toml").write_text(text)
