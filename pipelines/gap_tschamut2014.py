@@ -5,9 +5,9 @@
 DATA holds the folders ``tschamut2014`` (A. Volkwein and W. Gerber 2018, Repetitive trajectory
 testing in Tschamut 2014, EnviDat, doi 10.16904/envidat.34; ODbL), ``authume_quarry_p1`` and
 ``chant_sura_2020``. The configuration has the ground classes from before the ground resisted with
-the speed. ``sassgis gap diagnose`` answers on half of the runs; then resistance, rebound and others
-are added step by step, fitted on the same half, and scored on the other half and at both other
-sites. Writes configuration, observations, diagnosis, ``results.json`` and figures.
+the speed. ``sassgis gap diagnose`` answers on half of the runs and on all; then resistance, rebound
+and others are added step by step, fitted to the same half, and scored on the other half and at both
+other sites. Writes configuration, observations, diagnoses, ``results.json`` and figures.
 
 The terrain was not surveyed: it is a surface of 5 m cells interpolated from the heights of the
 tracked rocks, clipped 10 m beyond them. Stops are last positions of the tracking. Three blocks were
@@ -44,8 +44,9 @@ def main(argv: list[str] | None = None) -> None:
         quarry = authume(given.data, folder, more=former_sections(folder))
         more["steps"] = added_steps(site, quarry, given.data, given.jobs, given.seed)
         save(steps_figure(more["steps"]), out / "steps.png")
-    halves = replace(site.case, splits={"halves": site.case.splits["halves"]})
-    study(halves, given, site.groups, more)
+    # The steps have their own scores on the other half.
+    sides = {"half of the runs": (site.case.splits["halves"][0], ""), "all runs": ("all", "")}
+    study(replace(site.case, splits=sides), given, site.groups, more)
 
 
 if __name__ == "__main__":

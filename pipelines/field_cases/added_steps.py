@@ -22,7 +22,7 @@ from field_cases import contact_scores
 from field_cases.kinematics import wheel_below_cliff
 from field_cases.sites import Site
 from field_cases.soil_fit import ENGINE, MEADOW, SEARCHED, SLOPE, unit_of, values_at
-from sassgis.gap.fit.distances import RockDistances, energy_scores
+from sassgis.gap.fit.distances import RockDistances, energy_scores, quantiles_of
 from sassgis.gap.fit.site_data import SiteData, model_rows, replicas, rows_of, site_data_of
 from sassgis.gap.forward.released_rocks import HypothesisModel, configured_model
 from sassgis.gap.observations.observed import rock_masses_kg
@@ -56,20 +56,22 @@ PARTS: Mapping[str, tuple[str, ...]] = {
     "resistance": ("mu_v",),
     "rebound": ("restitution", "restitution_speed_mps", "eta_max"),
     "unevenness": ("dp_max", "d_star_m", "rolling_threshold"),
-    "blocks": ENGINE,
+    "outline": ENGINE,
 }
 #: Free in each step, and fitted anew at each site: a class has the friction of its site.
 FRICTION = ("mu_0", "mu_f")
-#: Parts of each step, and the step whose gain it adds to.
+ALL, REST = "everything", "everything but resistance"
+#: Parts of each step, and the step beyond which its gain counts.
 STEPS: Mapping[str, tuple[tuple[str, ...], str]] = {
     "friction": ((), FORMER_NAME),
     **{part: ((part,), "friction") for part in PARTS},
     "resistance and rebound": (("resistance", "rebound"), "resistance"),
-    "everything": (tuple(PARTS), "resistance and rebound"),
+    REST: (tuple(part for part in PARTS if part != "resistance"), "outline"),
+    ALL: (tuple(PARTS), REST),
 }
 RANGES = {**SEARCHED, "mu_0": (0.0, 0.6)}
 #: Trials of a search for each free value, and their first spread as a share of the ranges.
-TRIALS_EACH, WIDTH = 40, 0.2
+TRIALS_EACH, WIDTH = 80, 0.2
 #: Campaigns of a trial and of a score, and their numbers.
 TRIED, SCORED, TRIED_NUMBER, SCORED_NUMBER = 6, 24, 1, 2
 #: Quantiles of the rocks whose errors are stated, samples of the rocks for their intervals, and
@@ -152,7 +154,7 @@ class Halves:
         return cls(site.slope, *(site_data_of(case, seed) for case in sides))
 
 
-def _fit_step(meadow: Halves, slope: Halves, step: str) -> tuple[dict[str, float], ...]:
+def fit_step(meadow: Halves, slope: Halves, step: str) -> tuple[dict[str, float], ...]:
     """Values of a step at both sites: all but friction are carried over."""
     parts, _ = STEPS[step]
     names = [*FRICTION, *(name for part in parts for name in PARTS[part])]
@@ -167,7 +169,8 @@ def added_steps(tschamut: Site, authume: Site, data: Path, jobs: int, seed: int)
     with ProcessPoolExecutor(jobs, get_context("spawn")) as pool:
         # The longest first.
         order = sorted(STEPS, key=lambda step: -len(STEPS[step][0]))
-        found = dict(zip(order, pool.map(functools.partial(_fit_step, meadow, slope), order)))
+        fits = pool.map(functools.partial(fit_step, meadow, slope), order)
+        found = dict(zip(order, fits, strict=True))
     models = {FORMER_NAME: ({}, {}), **{step: found[step] for step in STEPS}}
     models[BUILT_IN] = built_in(MEADOW), built_in(SLOPE)
     here = {name: own for name, (own, _) in models.items()}
@@ -176,6 +179,7 @@ def added_steps(tschamut: Site, authume: Site, data: Path, jobs: int, seed: int)
     films = contact_scores.filmed(data)
     everything = site_data_of(read_case(*tschamut.case.pair("all")), seed)
     return {
+        "steps": {step: over for step, (_, over) in STEPS.items()},
         "values": here,
         "values_authume": there,
         "tschamut": ladder,
@@ -249,7 +253,7 @@ def errors(seen: FloatArray, made: FloatArray, seed: int) -> dict[str, Any]:
 
 
 def _quantiles(values: FloatArray) -> FloatArray:
-    return np.quantile(values[np.isfinite(values)], SHARES)
+    return quantiles_of(values[np.isfinite(values)], SHARES)
 
 
 def below_cliff(films: pd.DataFrame, values: Mapping[str, float], seed: int) -> dict[str, Any]:
