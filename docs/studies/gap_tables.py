@@ -112,15 +112,15 @@ def ladder(case: str) -> str:
 MEDIAN, HIGH = 1, 2
 
 
-def percent(value: float, limits: list[float] | None = None) -> str:
-    """A relative error with its sign, and its interval."""
-    text = f"{100.0 * value:+.0f} %".replace("-", "−").replace("+0", "0").replace("−0", "0")
-    return text if limits is None else f"{text} ({percent_range(limits)})"
+def whole(share: float, sign: str = "") -> str:
+    """Per cent, without their unit."""
+    text = f"{100.0 * share:{sign}.0f}"
+    return "0" if text in ("+0", "-0") else text.replace("-", "−")
 
 
-def percent_range(limits: list[float]) -> str:
-    """Limits of an interval, without their unit."""
-    return " to ".join(f"{100.0 * v:.0f}".replace("-", "−") for v in limits)
+def percent(value: float, limits: list[float], sign: str = "+") -> str:
+    """A relative error, or a share, with its interval."""
+    return f"{whole(value, sign)} % ({' to '.join(map(whole, limits))})"
 
 
 def steps() -> dict[str, Any]:
@@ -161,18 +161,20 @@ def added() -> str:
         off = found["left_out"][name]
         closed, gain = "", ""
         if rung["share"] is not None:
-            closed = f"{100.0 * rung['share']:.0f} % ({percent_range(rung['ci95'])})"
+            closed = percent(rung["share"], rung["ci95"], "")
         if name in found["steps"]:
-            low, high = rung["gain_ci95"]
-            gain = f"{number(rung['gain'], 2)} ({number(low, 2)} to {number(high, 2)})"
-            gain += f" beyond {found['steps'][name]}"
+            value, low, high = (
+                f"{v:.1f}".replace("-0.0", "0.0").replace("-", "−")
+                for v in (rung["gain"], *rung["gain_ci95"])
+            )
+            gain = f"{value} ({low} to {high}) beyond {found['steps'][name]}"
         cells = [
-            name, number(rung["distance"]), closed.replace("-", "−"), gain,
-            *(percent(off[q]["error"][k]) for q, k in (
+            name, number(rung["distance"]), closed, gain,
+            *(f"{whole(off[q]['error'][k], '+')} %" for q, k in (
                 ("speed 60 m", MEDIAN), ("height 60 m", HIGH), ("contacts", MEDIAN),
                 ("run-out", MEDIAN),
             )),
-            percent(found["chant_sura"][name]["speed_error"][MEDIAN]),
+            f"{whole(found['chant_sura'][name]['speed_error'][MEDIAN], '+')} %",
             number(stops[name], 2),
         ]  # fmt: skip
         rows.append(" | ".join(cells))
@@ -193,7 +195,7 @@ def values() -> str:
              "outline_edges": "outline_edges", "outline_share": "outline_share",
              "rolling_friction_sd": "rolling_friction_sd"}  # fmt: skip
     rows = [
-        " | ".join([step, *(number(own[n], 2) if n in own else "" for n in names)])
+        " | ".join([step, *(number(round(own[n], 4), 2) if n in own else "" for n in names)])
         for step, own in found.items()
         if own
     ]
@@ -206,7 +208,7 @@ def answers() -> str:
     seen, off, cliff = found["where"], found["left_out"], found["chant_sura"]
 
     def closed(name: str) -> str:
-        return f"{100.0 * rung[name]['share']:.0f} % ({percent_range(rung[name]['ci95'])})"
+        return percent(rung[name]["share"], rung[name]["ci95"], "")
 
     def middle(name: str) -> str:
         return percent(seen[name]["error"][MEDIAN], seen[name]["ci95"][MEDIAN])
@@ -215,11 +217,11 @@ def answers() -> str:
         return percent(seen[name]["error"][HIGH], seen[name]["ci95"][HIGH])
 
     def fast(name: str) -> str:
-        return percent(cliff[name]["speed_error"][MEDIAN])
+        return f"{whole(cliff[name]['speed_error'][MEDIAN], '+')} %"
 
     def change(what: str, k: int, name: str) -> str:
         before, after = (off[m][what]["error"][k] for m in ("former", name))
-        return f"{percent(before)} to {percent(after)}"
+        return f"{whole(before, '+')} % to {whole(after, '+')} %"
 
     contacts = seen["contacts"]
     said = " and ".join(
@@ -228,12 +230,12 @@ def answers() -> str:
     )
     return "\n".join(
         [
-            f"1. **Where.** Speeds are off by {middle('speed 20 m')} at 20 m, "
+            f"1. **Where.** Simulated speeds differ by {middle('speed 20 m')} at 20 m, "
             f"{middle('speed 40 m')} at 40 m and {middle('speed 60 m')} at 60 m (medians, 95 % "
-            f"over rocks). At 60 m energies are off by {middle('energy 60 m')} and 90 % heights by "
+            f"over rocks). At 60 m energies differ by {middle('energy 60 m')} and 90 % heights by "
             f"{high('height 60 m')}; blocks have {number(contacts['simulated'][MEDIAN], 2)} "
             f"contacts for {number(contacts['observed'][MEDIAN], 2)}. The run-out, to which the "
-            f"class was fitted, is off by {middle('run-out')}.",
+            f"class was fitted, differs by {middle('run-out')}.",
             f"2. **Why.** `sassgis gap diagnose` answers {said}. On held-out rocks other friction "
             f"closes {closed('friction')} of the gap, "
             f"resistance that grows with the speed {closed('resistance')}, another rebound "
@@ -241,12 +243,12 @@ def answers() -> str:
             f"{closed('outline')}. Resistance takes the speed at 60 m from "
             f"{change('speed 60 m', MEDIAN, 'resistance')}, rebound the 90 % height there from "
             f"{change('height 60 m', HIGH, 'rebound')}. Tschamut by itself does not separate them; "
-            f"a block of 780 kg at Chant Sura does: its speed is off by {fast('former')}, with "
+            f"a block of 780 kg at Chant Sura does: its speed differs by {fast('former')}, with "
             f"resistance by {fast('resistance')}, with everything but resistance by "
             f"{fast('everything but resistance')}.",
             f"3. **How far.** Everything together closes {closed('everything')} on held-out rocks; "
             f"the built-in class, fitted to all rocks of three sites, {closed('built-in')}. Speeds "
-            f"at Chant Sura are then off by {fast('everything')} and {fast('built-in')}.",
+            f"at Chant Sura then differ by {fast('everything')} and {fast('built-in')}.",
         ]
     )
 

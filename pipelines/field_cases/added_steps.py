@@ -21,7 +21,7 @@ import pandas as pd
 from field_cases import contact_scores
 from field_cases.kinematics import wheel_below_cliff
 from field_cases.sites import Site
-from field_cases.soil_fit import ENGINE, MEADOW, SEARCHED, SLOPE, unit_of, values_at
+from field_cases.soil_fit import ENGINE, MEADOW, SEARCHED, SLOPE, WHEEL, unit_of, values_at
 from sassgis.gap.fit.distances import RockDistances, energy_scores, quantiles_of
 from sassgis.gap.fit.site_data import SiteData, model_rows, replicas, rows_of, site_data_of
 from sassgis.gap.forward.released_rocks import HypothesisModel, configured_model
@@ -77,8 +77,6 @@ TRIED, SCORED, TRIED_NUMBER, SCORED_NUMBER = 6, 24, 1, 2
 #: Quantiles of the rocks whose errors are stated, samples of the rocks for their intervals, and
 #: draws of each filmed contact.
 SHARES, SAMPLES, DRAWS = (0.1, 0.5, 0.9), 999, 200
-#: Quartiles of the speed below the cliff at Chant Sura, as published (m/s).
-PUBLISHED_MPS = (16.0, 17.8, 21.3)
 
 Quantities = Mapping[str, FloatArray]
 
@@ -273,7 +271,7 @@ def below_cliff(films: pd.DataFrame, values: Mapping[str, float], seed: int) -> 
     medians = np.median(contact_scores.measures(films, made), axis=(0, 1))
     return {
         "speed": wheel["speed"],
-        "speed_error": np.array(wheel["speed"]) / PUBLISHED_MPS - 1.0,
+        "speed_error": np.divide(wheel["speed"], WHEEL["speed"][0]) - 1.0,
         "contacts": len(films),
         "energy_score": float(scores.mean()),
         "r_n": medians[0],

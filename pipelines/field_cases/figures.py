@@ -17,6 +17,7 @@ from sassgis.report.figures.style import (
     GREEN,
     GREY,
     INK,
+    LIGHT,
     ORANGE,
     SKY,
     SMALL,
@@ -296,19 +297,30 @@ def steps_figure(results: Mapping[str, Any]) -> Figure:
         ax.set_xticks(range(len(rows)), places)
         ax.set_title(f"{what} ({unit})")
         ax.set_ylim(0.0)
-    left, right = below.subplots(1, 2, width_ratios=(1.0, 1.6))
+    left, middle, right = below.subplots(1, 3, width_ratios=(0.7, 0.7, 1.0))
     _quantile_bars(left, ["contacts"], shown)
-    left.set_xticks([0], ["whole way"])
+    left.set_xticks([])
     left.set_title("contacts")
     left.set_ylim(0.0)
+    cliff = results["chant_sura"]
+    published = np.divide(cliff["former"]["speed"], 1.0 + np.array(cliff["former"]["speed_error"]))
+    speeds = {"observed": published, **{name: cliff[name]["speed"] for name in shown}}
+    for x, (name, quartiles) in enumerate(speeds.items()):
+        colour = _BEFORE_AFTER.get(name, INK)
+        middle.vlines(x, quartiles[0], quartiles[2], color=colour, lw=1.6)
+        middle.plot(x, quartiles[1], "o", ms=4, color=colour)
+    middle.set_xticks([])
+    middle.set_xlim(-1.0, len(speeds))
+    middle.set_title("Chant Sura: speed (m/s)")
+    middle.set_ylim(0.0)
     rungs = [r for r in results["tschamut"] if r["share"] is not None]
     for y, rung in enumerate(reversed(rungs)):
-        colour = _BEFORE_AFTER.get(rung["rung"], GREY)
+        colour = _BEFORE_AFTER.get(rung["rung"], LIGHT)
         right.barh(y, 100.0 * rung["share"], color=colour, height=0.6)
         if rung["ci95"] is not None:
             right.plot([100.0 * v for v in rung["ci95"]], [y, y], color=INK, lw=1.0)
     right.set_yticks(range(len(rungs)), [r["rung"] for r in reversed(rungs)])
-    right.set_title("share of the gap closed (%)")
+    right.set_title("gap closed (%)")
     right.axvline(0.0, color=GREY, lw=0.6)
     handles, labels = left.get_legend_handles_labels()
     figure.legend(handles, labels, loc="outside lower center", ncols=len(labels))
