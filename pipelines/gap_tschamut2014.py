@@ -23,13 +23,14 @@ from field_cases.added_steps import added_steps, former_sections
 from field_cases.figures import steps_figure
 from field_cases.sites import Site, authume, tschamut
 from field_cases.study import study
-from field_cases.tables import fresh, in_one_line, parser
+from field_cases.tables import field_file, fresh, in_one_line, parser
 
 from sassgis.report.figures import save
 
 
 def write(data: Path, out: Path) -> Site:
     """Write the case with the former classes."""
+    field_file(data, "tschamut2014", "release_points.csv")
     return tschamut(data, out, more=former_sections(out))
 
 
