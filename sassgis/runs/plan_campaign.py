@@ -91,6 +91,9 @@ def plan_campaign(
             raise Interrupted(f"stopped by the user; the tables are in {path}") from None
         rocks = case.observations.rocks
         stations = tuple(case.station_s[0].tolist())
-        power = CampaignPower(causes, tuple(found), stations, float(rocks.x[0]), float(rocks.y[0]))
+        power = CampaignPower(
+            causes=causes, powers=tuple(found), stations_m=stations, x=float(rocks.x[0]),
+            y=float(rocks.y[0]), language=settings.project.language,
+        )  # fmt: skip
         write_power(file, power)
     return power

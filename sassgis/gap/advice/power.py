@@ -53,7 +53,7 @@ from sassgis.gap.residuals.stop_residuals import free_run, observed_at_stations
 from sassgis.gap.verdict.evidence import Evidence, shares_of
 from sassgis.gap.verdict.verdict import CauseWeights, Thresholds, decide, fingerprints
 from sassgis.gap.words import effect_name
-from sassgis.settings.languages import Phrase, phrase, translated
+from sassgis.settings.languages import Language, Phrase, in_language, phrase, translated
 from sassgis.settings.map_run import MapRun
 from sassgis.settings.results import short
 from sassgis.terrain.fall_lines import fall_line_surface, trace
@@ -291,6 +291,7 @@ class CampaignPower:
     stations_m: tuple[float, ...]  # chainages of the stations
     x: float  # release point (m)
     y: float
+    language: Language = "en"  # in which it is printed
 
     def least(self, cause: str, tables: int, rocks: int) -> Power | None:
         """Return the weakest effect that is named; None if none is. ``tables``: of TABLE_SETS."""
@@ -302,6 +303,10 @@ class CampaignPower:
 
     def lines(self) -> list[str]:
         """Return a short table in words: a line for each cause, a column for each table."""
+        with in_language(self.language):
+            return self._lines()
+
+    def _lines(self) -> list[str]:
         head = ["", *map(translated, _COLUMNS)]
         rows = [[translated(_label(name)), *self._cells(name)] for name in self.causes]
         widths = [max(map(len, column)) for column in zip(head, *rows, strict=True)]
@@ -311,8 +316,9 @@ class CampaignPower:
             " / ".join(numbers),
         )
         after = phrase(
-            "Rocks released at {}, {}; stations at {} m along the fall line. Each named by 4 of 5 "
-            "campaigns with usual errors of measurement. A calibration may hide weak effects.",
+            "Rocks released at {}, {}; stations at {} m along the fall line. Each named in 4 of 5 "
+            "simulated campaigns with usual errors of measurement. A calibration may hide weak "
+            "effects.",
             f"{self.x:.0f}", f"{self.y:.0f}", ", ".join(f"{s:.0f}" for s in self.stations_m),
         )  # fmt: skip
         table = [
