@@ -335,7 +335,7 @@ def write_power(path: Path, power: CampaignPower) -> None:
         power.causes, enumerate(TABLE_SETS), PLANNED_ROCKS
     ):
         least = power.least(cause, k, rocks)
-        told = ("", "") if least is None else (STRENGTHS[cause].reported, f"{least.value:.3g}")
+        stated = ("", "") if least is None else (STRENGTHS[cause].reported, f"{least.value:.3g}")
         strength = "not named" if least is None else least.trial.strength
-        table.writerow((cause, " ".join(sorted(tables)), rocks, strength, *told))
+        table.writerow((cause, " ".join(sorted(tables)), rocks, strength, *stated))
     write_text(path, text.getvalue())
