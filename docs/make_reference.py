@@ -278,7 +278,9 @@ _TRACES = {
     "entrainment": "more mass deposited than rocks came down",
     "lateral_deflection": "turns at impacts, and lateral offsets that grow below the first "
     "station, beyond the simulated ones and by more than 10° and 15 % of the path",
-    "soft_ground": "less rebound on one yielding ground only; large rocks stop early at the foot",
+    "soft_ground": "contacts on one yielding ground only, in its upper and lower part, lose more "
+    "than with any usual values of its class; less rebound there; large rocks stop early at the "
+    "foot",
     "roughness": "rebound scatters more than simulated, most for small rocks; small rocks are slow "
     "on all reaches",
     "rock_shape": "speed after impacts and on reaches depends on the flatness of the rock",

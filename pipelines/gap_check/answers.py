@@ -9,9 +9,8 @@ from typing import Any
 
 from gap_check.worlds import World
 from sassgis.gap.causes.all_causes import GROUPS
-from sassgis.gap.diagnosis import GapFinding, ModelGap
+from sassgis.gap.diagnosis import ModelGap
 from sassgis.gap.fit.hypothesis_fit import CONTACT_LAW
-from sassgis.gap.verdict.verdict import adequate, causes_in
 
 #: Law of the sites that obey the model.
 OWN_LAW = "own"
@@ -105,18 +104,11 @@ def answer_from(case: str, diagnosis: Mapping[str, Any]) -> Answer:
         confidence=math.nan if confidence is None else float(confidence),
         confusion_set=tuple(str(name) for name in verdict["confusion_set"]),
         group=str(verdict.get("group", "")),
-        large_findings=not adequate([f for f in map(_finding, diagnosis.get("where", ())) if f]),
+        large_findings=not verdict["adequate"],
         cannot_exclude=tuple(verdict.get("cannot_exclude", ())),
         short=any(ModelGap(**gap).far_short for gap in advice.get("left", ())),
         recommended=advice.get("short") is None,
     )  # fmt: skip
-
-
-def _finding(row: Mapping[str, Any]) -> GapFinding | None:
-    """A finding read back; None where its numbers are missing."""
-    if None in (row["gap"], row["p_adjusted"], *row["ci95"]):
-        return None
-    return GapFinding(**{**row, "ci95": tuple(row["ci95"])})
 
 
 def names_in(effect: str) -> frozenset[str]:
@@ -137,7 +129,7 @@ def holds(truth: Truth, answer: Answer) -> bool:
 
 def is_covered(truth: Truth, answer: Answer) -> bool:
     """Whether the truth or its group is in the confusion set; of a pair, itself or both of it."""
-    sets = {in_order(name) for name in causes_in(answer.confusion_set)}
+    sets = {in_order(name) for name in answer.confusion_set}
     return bool(sets & {*truth.right}) or bool(
         truth.part == "pair" and names_in(truth.verdict) <= sets
     )

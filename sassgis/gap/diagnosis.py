@@ -8,6 +8,7 @@ from dataclasses import asdict, dataclass, field
 from typing import Any
 
 from sassgis.gap.forward.released_rocks import HypothesisModel
+from sassgis.gap.residuals.discrepancy import Discrepancy
 
 Range = tuple[float, float]
 
@@ -64,6 +65,9 @@ class Verdict:
     #: What the base needs: "ground" (calibrated ground is adequate), "contact_law" (the contact
     #: follows another law), "unresolved".
     base: str = "unresolved"
+    #: Whether the base leaves no gap that is significant and large beyond the discrepancy of its
+    #: law of motion.
+    adequate: bool = False
     group_probability: float = math.nan  # of its causes together; NaN without a group
     #: Causes that these data could not show: neither named nor excluded; counted as "unknown" in
     #: the probabilities.
@@ -280,11 +284,13 @@ class Diagnosis:
     ladder: tuple[Rung, ...] = ()
     advice: Advice = Advice()
     first_sentence: str = ""
+    #: Discrepancy of the law of motion of the base; empty where it leaves no large gap without.
+    law: tuple[Discrepancy, ...] = ()
 
 
 def as_json(diagnosis: Diagnosis) -> dict[str, Any]:
     """Return the diagnosis in the layout of ``diagnosis.json``; missing numbers become None."""
-    records = ("where", "which", "fingerprints", "gains", "ladder")
+    records = ("where", "which", "fingerprints", "gains", "ladder", "law")
     plain: dict[str, Any] = without_nan(
         {
             "first_sentence": diagnosis.first_sentence,

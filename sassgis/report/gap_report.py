@@ -14,7 +14,6 @@ from sassgis.gap import words
 from sassgis.gap.diagnosis import Advice, Diagnosis, GapFinding, ModelGap
 from sassgis.gap.observations.case import Case
 from sassgis.gap.verdict.verdict import (
-    causes_in,
     is_stretch,
     limits_on,
     line_stretch,
@@ -199,7 +198,7 @@ def gap_figures(case: Case, diagnosis: Diagnosis, folder: Path) -> list[ReportFi
             "The base model and the most probable causes were calibrated further than the others. "
             "All scores are on held-out rocks.",
             gap_hypotheses_figure(
-                diagnosis.which, verdict=verdict.effect, confusion=causes_in(verdict.confusion_set)
+                diagnosis.which, verdict=verdict.effect, confusion=verdict.confusion_set
             ),
         )
     return out
@@ -354,7 +353,7 @@ def _where_table(findings: tuple[GapFinding, ...]) -> ReportTable:
 def _which_table(diagnosis: Diagnosis) -> ReportTable:
     verdict = diagnosis.verdict
     separated = dict.fromkeys(verdict.cannot_exclude, "cannot be seen")
-    separated |= dict.fromkeys(causes_in(verdict.confusion_set), "no")
+    separated |= dict.fromkeys(verdict.confusion_set, "no")
     separated[verdict.effect] = "the answer"
     return table_of(
         "Causes",

@@ -62,7 +62,6 @@ from sassgis.gap.verdict.evidence import (
     verdict_of,
 )
 from sassgis.gap.verdict.model_comparison import CONFIGURED, GROUND
-from sassgis.gap.verdict.verdict import adequate, causes_in
 from sassgis.grid import FloatArray
 from sassgis.inputs.observation_files import AnyObservations
 from sassgis.inputs.observation_values import cause_weights_of, read_thresholds, thresholds_of
@@ -201,7 +200,7 @@ def _diagnosis(added: AddedCauses, chosen: Mapping[str, Any], fingerprint: str) 
         own = added.name(simplest)
         gaps[simplest] = _gaps(problem, made.model(own).model, made.rows(own))
     short = shortfall(gaps[simplest][0]) is not None
-    sound = adequate(evidence.findings) and not short
+    sound = evidence.sound and not short
     verdict, shrinkage = verdict_of(added, shares, weights, frozen, sound)
     named = "+".join(verdict.named)
     # With two causes the surer one comes first.
@@ -265,6 +264,7 @@ def _diagnosis(added: AddedCauses, chosen: Mapping[str, Any], fingerprint: str) 
         fingerprints=evidence.prints,
         gains=tuple(gains),
         ladder=rungs,
+        law=evidence.law,
         advice=advice,
         first_sentence=first_sentence(advice, rungs, verdict.effect),
     )
@@ -277,7 +277,7 @@ def _measure_next(added: AddedCauses, verdict: Verdict) -> tuple[str, ...]:
     unknown = verdict.effect == UNKNOWN
     # A single cause is distinguished from none.
     named = [verdict.effect] if parts else []
-    possible = dict.fromkeys([*named, *causes_in(verdict.confusion_set), *[NONE] * unknown])
+    possible = dict.fromkeys([*named, *verdict.confusion_set, *[NONE] * unknown])
     problem, models = added.made.problem, {}
     for cause in possible:
         if cause not in parts and (own := _models_of(added, cause)):

@@ -8,6 +8,7 @@ from dataclasses import asdict, replace
 from itertools import pairwise
 
 import numpy as np
+from scipy.special import ndtri
 
 from sassgis.gap.causes.cause import (
     Cause,
@@ -28,6 +29,8 @@ from sassgis.gap.constants import (
     FAR_ERRORS,
     FAST_MPS,
     FINGERPRINT_ROCKS,
+    FREE_FLIGHT_SHARE,
+    LIKE_FLIGHTS,
     LOG_SCALE,
     MISSTATED_SHARE,
     PATH_LAG_S,
@@ -36,19 +39,21 @@ from sassgis.gap.constants import (
     SOON_BELOW_M,
     STATION_SIDE_S,
     STRAIGHT_GROWTH,
+    UPPER_FLIGHTS,
     USUAL_SCALE,
 )
 from sassgis.gap.diagnosis import Fingerprint
 from sassgis.gap.forward.released_rocks import HypothesisModel, MeasurementError
 from sassgis.gap.observations.case import Case, errors_of
-from sassgis.gap.residuals.residual_table import ResidualTable
+from sassgis.gap.residuals.residual_table import ResidualTable, StepTable
 from sassgis.gap.residuals.rock_residuals import mean_of_draws, per_rock
 from sassgis.gap.residuals.stop_residuals import side_error
 from sassgis.grid import FloatArray
 
 _IN_TIME = "speeds against distances in time, all rocks alike"
 _PASSING = "speeds at stations against the paths in time there, all rocks alike"
-_AGAINST_FALLS = "speeds against the falls between contacts, too high for all"
+_AGAINST_FALLS = "speeds against the falls between contacts, all rocks alike"
+_ENERGY = "energy_jpkg"
 
 
 def _draw(case: Case, draws: ParameterDraws) -> CausePart:
@@ -155,9 +160,11 @@ def _passing(case: Case, residuals: ResidualTable) -> Scores:
         first, last = min(int(ends[0]), after - 1), max(int(ends[1]) - 1, after)
         way = [getattr(track, c)[rows] for c in "xyz"]
         distance = np.sqrt(sum((c[last] - c[first]) ** 2 for c in way))
-        if distance > FAR_ERRORS * error and t[last] - t[first] < PATH_LAG_S + 1e-6:
+        time = t[last] - t[first]
+        # Chosen by the speed: by the distance, errors would choose those that are too long.
+        if speed[i] * time > FAR_ERRORS * error and time < PATH_LAG_S + 1e-6:
             clean = float(_without_errors(distance, error))
-            own = math.log(speed[i] * (t[last] - t[first]) / clean), math.log(distance / clean)
+            own = math.log(speed[i] * time / clean), math.log(distance / clean)
             sums[:, rock[i]] += 1.0, *own
     count = np.where(sums[0] > 0.0, sums[0], np.nan)
     if np.isfinite(count).sum() < FINGERPRINT_ROCKS:
@@ -168,21 +175,47 @@ def _passing(case: Case, residuals: ResidualTable) -> Scores:
 def _against_falls(case: Case, residuals: ResidualTable) -> Scores:
     """Score energy gained between contacts over that of the fall: the square of the scale.
 
-    Air, stems and contacts that were missed take energy: only a scale above 1 is certain.
+    Air, stems and contacts that were missed take energy, of single flights: too low a scale shows
+    in the flight of each rock that gains most, less what the errors of so many flights make of it,
+    if most flights are longer than such speeds allow by the same scale.
     """
-    rows = residuals.steps.of("flight", "energy_jpkg")
-    gained = rows.observed - rows.predicted
-    more, fell = (
-        np.bincount(rows.rock, values, case.n_rocks) for values in (gained, rows.fell_jpkg)
-    )
+    rows = residuals.steps.of("flight", _ENERGY)
+    fell = np.bincount(rows.rock, rows.fell_jpkg, case.n_rocks)
     flew = np.bincount(rows.rock, minlength=case.n_rocks) > 0
     if flew.sum() < FINGERPRINT_ROCKS or fell[flew].mean() < ROCK_FALL_M * case.engine.gravity_mps2:
         raise Unseen
+    gained = rows.observed - rows.predicted
     # Not of each rock by itself: one that hardly fell would have any scale.
-    share = np.where(flew, more / fell[flew].mean(), np.nan)
-    own = np.where(flew, fell / fell[flew].mean(), np.nan)
-    scale = math.sqrt(max(1.0 + float(np.nanmean(share)), 0.0))
-    return Scores(share - (USUAL_SCALE**2 - 1.0) * np.abs(own), scale)
+    share = np.bincount(rows.rock, gained, case.n_rocks) / fell[flew].mean()
+    usual = (USUAL_SCALE**2 - 1.0) * np.abs(fell) / fell[flew].mean()
+    if float(share[flew].mean()) >= 0.0:
+        scale = math.sqrt(1.0 + float(share[flew].mean()))
+        return Scores(np.where(flew, share - usual, np.nan), scale)
+    # Where speeds are too low, flights are as much longer than these allow.
+    scale = math.sqrt(max(1.0 + float(np.median(gained / np.maximum(rows.fell_jpkg, 1.0))), 0.01))
+    alike = np.abs(rows.reach * scale - 1.0) < FREE_FLIGHT_SHARE
+    if alike.mean() < LIKE_FLIGHTS:
+        return Scores(np.where(flew, share, np.nan), 1.0)
+    # Errors by the flights that gain most: losses scatter the others.
+    low, high = np.quantile(rows.z, UPPER_FLIGHTS)
+    scatter = min((high - low) / float(np.diff(ndtri(UPPER_FLIGHTS))[0]), 1.0)
+    rows, flights = _best_flights(rows, case.n_rocks)
+    # G. Blom (1958): the largest of n standard normal numbers.
+    largest = ndtri((flights - 0.375) / (flights + 0.25))
+    less = rows.predicted - rows.observed + scatter * largest * rows.sd
+    middle = float(rows.fell_jpkg.mean())
+    room = (USUAL_SCALE**2 - 1.0) * np.abs(rows.fell_jpkg)
+    return Scores(per_rock((less - room) / middle, rows.rock, case.n_rocks), scale)
+
+
+def _best_flights(rows: StepTable, n_rocks: int) -> tuple[StepTable, FloatArray]:
+    """Return the flight of each rock that gains most in standard deviations, and their numbers."""
+    order = np.lexsort((-rows.z, rows.rock))
+    rock = rows.rock[order]
+    best = np.zeros(len(rows), np.bool_)
+    best[order[np.flatnonzero(np.diff(rock, prepend=-1))]] = True
+    flights = np.bincount(rock, minlength=n_rocks).astype(np.float64)
+    return rows.where(best), flights[rows.rock[best]]
 
 
 def _each_its_own(case: Case, residuals: ResidualTable) -> Scores:
@@ -232,8 +265,9 @@ CAUSE = Cause(
     measured=_measured,
     shown_by="speeds as stated, on the path or at stations, against those from positions and times "
     "of the path, all rocks alike or each by its own share; more energy gained between contacts "
-    "than the fall gives; what is off at one station is made up for at the next; stops beside "
-    "the fall line, where the rock was on it at a station at most 30 m above",
+    "than the fall gives, or less on each flight of all rocks; what is off at one station is made "
+    "up for at the next; stops beside the fall line, where the rock was on it at a station at most "
+    "30 m above",
     statistics=(
         Trace(_IN_TIME, _all_alike, ("trajectories",), clear=True),
         Trace(_PASSING, _passing, ("passages", "stations", "trajectories"), clear=True),

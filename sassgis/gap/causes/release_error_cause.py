@@ -126,12 +126,23 @@ def _first_slope(case: Case) -> float:
 
 
 def _first_contact(case: Case, residuals: ResidualTable) -> Scores:
-    """Find where a rock first touches the ground, up or down the slope from the model's."""
+    """Find where a rock first touches the ground, up or down the slope from the model's.
+
+    Farther down than the model's second contact the first one may be missing in the table; between
+    the stated start and the model's first contact another law of the contact may make one.
+    """
     rows = residuals.steps.of("start", "chainage_m")
     if len(rows) < FINGERPRINT_ROCKS:
         raise Unseen
     off = rows.observed - rows.predicted
     middle = float(np.median(off))
+    if middle > 0.0:
+        missed = np.isfinite(rows.way_m) & (rows.observed > rows.way_m)
+        if 2.0 * missed.mean() > 1.0:
+            raise Unseen
+    else:
+        off = np.minimum(rows.observed - case.start[rows.rock, 0], 0.0)
+        middle = float(np.median(off))
     # Films that begin late miss the first contacts of some: they do not shift the others.
     near = usual_scatter(off)
     kept = math.copysign(1.0, middle) * np.clip(off, middle - near, middle + near)

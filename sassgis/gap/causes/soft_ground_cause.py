@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from sassgis.engine.effects.soft_ground import SoftGround
@@ -23,10 +25,23 @@ from sassgis.gap.causes.cause import (
     sizes,
     soft_first,
 )
-from sassgis.gap.constants import FINGERPRINT_ROCKS
+from sassgis.gap.constants import (
+    FINGERPRINT_ROCKS,
+    GROUND_BOUNDS,
+    GROUND_WIDTHS,
+    IMPACT_DRAWS,
+    SOFT_LOSS,
+)
+from sassgis.gap.forward.released_rocks import configured_model
 from sassgis.gap.observations.case import Case
+from sassgis.gap.residuals.impact_residuals import (
+    impacts_in_flight,
+    rebound_draws,
+    usable_impacts,
+)
 from sassgis.gap.residuals.residual_table import ResidualTable
 from sassgis.gap.residuals.rock_residuals import mean_of_draws, per_rock, t_statistics
+from sassgis.settings.ground import GroundClass, GroundTable
 
 FIT = Fit(
     ranges={
@@ -69,6 +84,53 @@ def _on_one_ground(case: Case, residuals: ResidualTable) -> Scores:
     return max(lost, key=lambda one: float(np.nan_to_num(t_statistics(one.values)[0])))
 
 
+def _beyond_usual(case: Case, residuals: ResidualTable) -> Scores:
+    """Return what contacts on one yielding ground lose beyond all usual values of its class.
+
+    Less what those on other ground lose beyond theirs: another law of the contact does that on all.
+    The ground must do it in its upper and its lower part, or it is a patch of other ground.
+    """
+    if not len(case.observations.impacts):
+        raise Unseen
+    rows = np.flatnonzero(usable_impacts(case, residuals.run.axes_m))
+    seen = impacts_in_flight(case, residuals.run.axes_m, rows, IMPACT_DRAWS) if rows.size else None
+    if seen is None:
+        raise Unseen
+    model = configured_model(case)
+    lossy = replace(model, table=GroundTable(tuple(map(_least_rebound, model.table.classes))))
+    draws = rebound_draws(case, lossy, seen, np.random.default_rng([residuals.run.seed, 37]))
+    before = seen.impacts.vt_in_mps**2 + seen.impacts.vn_in_mps**2
+    kept = (seen.impacts.vt_out_mps**2 + seen.impacts.vn_out_mps**2) / before
+    usual = mean_of_draws((draws[..., :2] ** 2).sum(axis=2)) / before
+    lost = np.clip(usual - kept, -1.0, 1.0) - SOFT_LOSS
+    known, found = np.isfinite(lost), []
+    for k in np.unique(seen.kind).tolist():
+        on = (seen.kind == k) & known
+        others = (seen.kind != k) & known
+        if case.table.names[k] in HARD or min(on.sum(), others.sum()) < 3 * FINGERPRINT_ROCKS:
+            continue
+        beyond = lost - max(float(lost[others].mean()), 0.0)
+        middle = float(np.median(seen.s[on]))
+        parts = [
+            per_rock(beyond, np.where(on & half, seen.rock, -1), case.n_rocks)
+            for half in (seen.s <= middle, seen.s > middle)
+        ]
+        values = min(parts, key=lambda one: float(np.nan_to_num(t_statistics(one)[0])))
+        found.append(Scores(values, float(beyond[on].mean() + SOFT_LOSS)))
+    if not found:
+        raise Unseen
+    return max(found, key=lambda one: float(np.nan_to_num(t_statistics(one.values)[0])))
+
+
+def _least_rebound(ground: GroundClass) -> GroundClass:
+    """Return a class with the usual values at which contacts lose most."""
+    changed = {
+        name: max(getattr(ground, name) - GROUND_WIDTHS[name], GROUND_BOUNDS[name][0])
+        for name in ("eta_max", "restitution")
+    }
+    return replace(ground, **changed)
+
+
 def _large_stop_early(case: Case, residuals: ResidualTable) -> Scores:
     foot = reach_gaps(residuals, "runout_m")
     late = mean_of_draws(over_scatter(foot, 1.0), least=1)
@@ -82,8 +144,16 @@ CAUSE = Cause(
     group="contact",
     phase="impact",
     draw=_draw,
-    shown_by="lost rebound on one yielding ground alone; large rocks that stop early at the foot",
+    shown_by="energy that contacts lose on one yielding ground alone, in its upper and lower part, "
+    "beyond all usual values of its class; lost rebound there; large rocks that stop early at the "
+    "foot",
     statistics=(
+        Trace(
+            "energy lost at contacts beyond all usual values, on one yielding ground alone",
+            _beyond_usual,
+            ("impacts",),
+            clear=True,
+        ),
         Trace(
             "rebound lost with the normal speed, on one ground alone", _on_one_ground, ("impacts",)
         ),

@@ -25,6 +25,10 @@ from sassgis.gap.constants import (
     FIRST_RADIUS,
     FIT_LIMIT,
     LAST_SPREAD,
+    LAW_OUTCOMES,
+    LAW_QUANTITIES,
+    LAW_SHARES,
+    LAW_TREND,
     LEAST_NUMBER_ERROR,
     LEFT_AS_ERROR,
     LOOK_NUMBER,
@@ -194,6 +198,36 @@ def _of_ground(problem: SiteData, p: int) -> BoolArray:
     of_rows += [True] * sum(name.endswith(":speed") for name in names)
     of_impacts = 2 * ([True] * 3 + [False] * 3)
     return np.array(of_rows + of_impacts * ((p - len(of_rows)) // len(of_impacts)), np.bool_)
+
+
+def law_changes(summary: SiteSummary) -> FloatArray:
+    """Return changes of the numbers by one standard deviation of each discrepancy of the law.
+
+    Shape (p used, d), in standard errors. Means of a quantity change at all stations by a share,
+    and by one that grows down the slope; speeds and spins after impacts on all classes alike, and
+    with the normal speed. Scatters and trends with the size of rocks do not (``LAW_SHARES``).
+    """
+    scale = summary.problem.scale
+    k, p = len(scale.names), summary.error.size
+    kinds = [name.rpartition(":")[2] for name in scale.names]
+    sizes = np.array([LAW_SHARES.get(LAW_QUANTITIES.get(kind, ""), 0.0) for kind in kinds])
+    sizes *= np.abs(scale.centre) / scale.scale if k else 0.0
+    columns = []
+    for kind in dict.fromkeys(kinds):
+        own = np.flatnonzero([name == kind for name in kinds])
+        if not sizes[own].any():
+            continue
+        for values in (np.ones(own.size), LAW_TREND * np.linspace(-1.0, 1.0, own.size)):
+            columns.append(np.zeros(p))
+            columns[-1][own] = sizes[own] * values
+    first = 3 * k + kinds.count("speed")
+    width = 4 * len(LAW_OUTCOMES)
+    classes = range(first, p - width + 1, width)
+    for j, sd in enumerate(LAW_OUTCOMES):
+        for place, size in ((j, sd), (width - len(LAW_OUTCOMES) + j, LAW_TREND * sd)):
+            columns.append(np.zeros(p))
+            columns[-1][[start + place for start in classes]] = size
+    return summary.in_errors(np.array(columns)).T
 
 
 def rocks_drawn_anew(problem: SiteData) -> FloatArray:

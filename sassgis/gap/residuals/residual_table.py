@@ -67,7 +67,8 @@ class StepTable:
     station: IntArray  # -1 where there is none
     vn_mps: FloatArray  # normal speed before an impact
     out_mps: FloatArray  # speed after it
-    way_m: FloatArray  # length of a flight, or chainage of a loss or a stop
+    #: Length of a flight; chainage of a loss, a stop, or the model's second contact.
+    way_m: FloatArray
     radius_m: FloatArray
     flatness: FloatArray  # c/b of the rock
     reach: FloatArray  # length of the flight as a share of that of a free one
@@ -217,10 +218,12 @@ def _first_contacts(
     """Compare the chainage of the first contact with the model's as the observer records it."""
     if rows is None:
         return []
-    observed, *found = (_first_chainage(one, case.n_rocks) for one in (rows, *recorded))
-    made = np.column_stack([np.empty((case.n_rocks, 0)), *found])
-    predicted = mean_of_draws(made)
-    scatter = mean_of_draws((made - predicted[:, None]) ** 2)
+    observed = _contact_chainages(rows, case.n_rocks)[0]
+    made = np.full((2, case.n_rocks, len(recorded)), np.nan)
+    for k, one in enumerate(recorded):
+        made[:, :, k] = _contact_chainages(one, case.n_rocks)
+    predicted, second = mean_of_draws(made)
+    scatter = mean_of_draws((made[0] - predicted[:, None]) ** 2)
     known = np.isfinite(observed) & np.isfinite(predicted)
     if not known.any():
         return []
@@ -230,16 +233,22 @@ def _first_contacts(
         {
             "rock": np.flatnonzero(known), "step": "start", "quantity": "chainage_m",
             "observed": observed[known], "predicted": predicted[known], "sd": sd,
+            "way_m": second[known],
         }
     ]  # fmt: skip
 
 
-def _first_chainage(rows: ImpactRows, n_rocks: int) -> FloatArray:
-    """Find the chainage of each rock's uppermost contact (m), shape (n_rocks,); NaN without one."""
-    first = np.full(n_rocks, np.inf)
-    own = rows.rock >= 0
-    np.fmin.at(first, rows.rock[own], rows.s[own])
-    return np.where(np.isfinite(first), first, np.nan)
+def _contact_chainages(rows: ImpactRows, n_rocks: int) -> FloatArray:
+    """Find chainages of each rock's two uppermost contacts (m), (2, n_rocks); NaN without."""
+    known = np.flatnonzero((rows.rock >= 0) & np.isfinite(rows.s))
+    order = known[np.lexsort((rows.s[known], rows.rock[known]))]
+    rock = rows.rock[order]
+    begins = np.flatnonzero(np.diff(rock, prepend=-1))
+    found = np.full((2, n_rocks), np.nan)
+    found[0, rock[begins]] = rows.s[order[begins]]
+    more = begins[np.diff(np.append(begins, rock.size)) > 1]
+    found[1, rock[more]] = rows.s[order[more + 1]]
+    return found
 
 
 def _runs(case: Case, run: FreeRun) -> list[_Part]:

@@ -28,7 +28,9 @@ from sassgis.gap.fit.hypothesis_fit import (
 from sassgis.gap.fit.linear_fit import SiteSummary
 from sassgis.gap.fit.site_data import model_rows
 from sassgis.gap.forward.released_rocks import HypothesisModel, configured_model
-from sassgis.gap.residuals.residual_table import residuals_with
+from sassgis.gap.observations.case import Case
+from sassgis.gap.residuals.discrepancy import Discrepancy, without_discrepancy
+from sassgis.gap.residuals.residual_table import ResidualTable, residuals_with
 from sassgis.gap.verdict.model_comparison import (
     CONFIGURED,
     GROUND,
@@ -51,7 +53,6 @@ from sassgis.gap.verdict.verdict import (
     place_of,
     second_of,
     seen_of,
-    speaking,
     where,
 )
 from sassgis.gap.words import effect_key
@@ -76,13 +77,12 @@ class Evidence:
     # Those of calibrated ground, if it leaves nothing that is significant and large, is what the
     # rocks ask for, and a freer contact would leave more.
     findings: tuple[GapFinding, ...]
+    #: Whether the base leaves no gap that is significant and large beyond the discrepancy of the
+    #: law; and that discrepancy.
+    sound: bool
+    law: tuple[Discrepancy, ...]
     gains: Mapping[str, CauseGain]  # by family
     notes: tuple[str, ...]  # what else the observations show
-
-    @property
-    def speaking(self) -> Mapping[str, CauseGain]:
-        """Gains that could speak for their causes."""
-        return speaking(self.prints, self.gains)
 
 
 def evidence_beyond(
@@ -102,10 +102,25 @@ def evidence_beyond(
         notes = (phrase(text, found[0], f"{found[1]:.0f}"),)
     return Evidence(
         fingerprints(case, residuals),
-        where(case, residuals, seed=problem.seed),
+        *located(case, residuals, problem.seed),
         cause_gains(made.summary, base, families, made.run),
         notes,
     )
+
+
+#: Gaps by place, whether none of them is significant and large beyond the discrepancy of the law,
+#: and this discrepancy.
+Located = tuple[tuple[GapFinding, ...], bool, tuple[Discrepancy, ...]]
+
+
+def located(case: Case, residuals: ResidualTable, seed: int) -> Located:
+    """Locate the gap of a model, and say whether the model is adequate."""
+    findings = where(case, residuals, seed=seed)
+    if adequate(findings):
+        return findings, True, ()
+    rows, law = without_discrepancy(residuals.rows)
+    beyond = where(case, replace(residuals, rows=rows), seed=seed)
+    return findings, adequate(beyond), law
 
 
 def evidence_of_site(made: HypothesisFits) -> AddedCauses:
@@ -125,7 +140,7 @@ def evidence_of_site(made: HypothesisFits) -> AddedCauses:
     ladder.add(CONTACT_LAW, GROUND, made.rows(CONTACT_LAW))
     rungs = ladder.rungs(CONFIGURED, GROUND, CONTACT_LAW)
     added = AddedCauses(made, found, ladder, rungs, rows, needs_contact_law(rungs))
-    if not adequate(found.findings):
+    if not found.sound:
         draws = [
             HypothesisDraw(CONTACT_LAW, own.parameter_draws, 0, REPLICATES)
             for own in made.add(CONTACT_LAW).samples(problem.case, PLAUSIBLE_FITS)
@@ -138,28 +153,27 @@ def evidence_of_site(made: HypothesisFits) -> AddedCauses:
                 "base model is therefore a calibration that the rocks do not exclude. Gaps by "
                 "place refer to it."
             )
-            found = replace(found, findings=left, notes=(*found.notes, note))
+            findings, sound, law = left
+            notes = (*found.notes, note)
+            found = replace(found, findings=findings, sound=sound, law=law, notes=notes)
     return replace(added, evidence=found)
 
 
-def first_adequate(
-    made: HypothesisFits, draws: Sequence[HypothesisDraw]
-) -> tuple[GapFinding, ...] | None:
+def first_adequate(made: HypothesisFits, draws: Sequence[HypothesisDraw]) -> Located | None:
     """Locate the gap with the first draw that leaves nothing significant and large, if any."""
     for k in range(0, len(draws), PLAUSIBLE_AT_ONCE):
-        due = draws[k : k + PLAUSIBLE_AT_ONCE]
-        left: list[tuple[GapFinding, ...]] = list(made.run(_left_by, due))
-        if any(map(adequate, left)):
-            return next(filter(adequate, left))
+        left: list[Located] = list(made.run(_left_by, draws[k : k + PLAUSIBLE_AT_ONCE]))
+        if any(sound for _, sound, _ in left):
+            return next(one for one in left if one[1])
     return None
 
 
-def _left_by(summary: SiteSummary, task: HypothesisDraw) -> tuple[GapFinding, ...]:
+def _left_by(summary: SiteSummary, task: HypothesisDraw) -> Located:
     """Locate the gap with a draw in place of the base."""
     case, seed = summary.problem.case, summary.problem.seed
     model = draw_of(case, task.effect, task.shares).model
     case, residuals = residuals_with(case, model, seed=seed, replicates=task.count)
-    return where(case, residuals, seed=seed)
+    return located(case, residuals, seed)
 
 
 @dataclass(frozen=True, slots=True)
@@ -228,11 +242,8 @@ class AddedCauses:
 def shares_of(
     evidence: Evidence, families: tuple[str, ...], weights: CauseWeights
 ) -> dict[str, float]:
-    """Return probability of each cause that these data could show, of "none" and of "unknown"."""
-    gains = evidence.speaking
-    seen = seen_of(evidence.prints, gains, families)
-    hidden, sound = len(families) - len(seen), adequate(evidence.findings)
-    return weights.shares(evidence.prints, gains, seen, hidden, sound)
+    """Return probability of each cause, of "none" and of "unknown"."""
+    return weights.shares(evidence.prints, evidence.gains, families, evidence.sound)
 
 
 def _second(added: AddedCauses, first: str, weights: CauseWeights, frozen: Thresholds) -> str:
@@ -262,13 +273,15 @@ def verdict_of(
 ) -> tuple[Verdict, Shrinkage]:
     """Give the answer, and how far the gap shrinks; ``sound``: the base leaves nothing large."""
     evidence, law = added.evidence, added.needs_law
-    enough = ground_is_enough(added.rungs) or adequate(evidence.findings)
+    enough = ground_is_enough(added.rungs) or evidence.sound
     first = _most_probable(shares, evidence.gains)
     if first != NONE and shares[first] < min(frozen.calibrated, shares[NONE]):
         first = NONE
     shrinkage = added.shrinkage(first) if first != NONE else _nothing_added(added)
     closes = shrinkage.value if first != NONE and CAUSES[first].closes else None
-    effect, group, reason = decide(evidence.prints, shares, sound, closes, frozen, law)
+    effect, group, reason = decide(
+        evidence.prints, evidence.gains, shares, sound, closes, frozen, law
+    )
     if effect == first and effect != NONE:
         second = _second(added, first, weights, frozen)
         if second:
@@ -285,16 +298,18 @@ def verdict_of(
     fitted = () if effect in (UNKNOWN, CONTACT_LAW) else added.fit(effect).models
     case = added.made.problem.case
     phase, segments = place_of(effect, case, [own.draw for own in fitted], evidence.findings)
-    seen = (*shares, *effect.split("+"))
+    families = families_to_try(case)
+    seen = {*seen_of(evidence.prints, evidence.gains, families), *effect.split("+")}
     # The law of the contact is that of the base, whichever families there are.
     none = shares[NONE] if effect == CONTACT_LAW else 0.0
     verdict = Verdict(
         effect=effect, confidence=confidence_of(effect, shares, frozen.right),
         confusion_set=confusion_set(effect, frozen.possible, shares), phase=phase,
         segments=segments, reason=reason, probabilities=dict(shares), group=group,
-        base=CONTACT_LAW if law else "ground" if enough else "unresolved",
+        base=CONTACT_LAW if law or (sound and evidence.law) else GROUND if enough else "unresolved",
+        adequate=sound,
         group_probability=group_probability(group, shares) + none,
-        cannot_exclude=tuple(n for n in families_to_try(case) if n not in seen),
+        cannot_exclude=tuple(n for n in families if n not in seen),
     )  # fmt: skip
     return verdict, shrinkage
 

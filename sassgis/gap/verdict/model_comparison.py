@@ -39,7 +39,7 @@ from sassgis.gap.fit.hypothesis_fit import (
     draw_of,
     families_of,
 )
-from sassgis.gap.fit.linear_fit import LinearFit, SiteSummary
+from sassgis.gap.fit.linear_fit import LinearFit, SiteSummary, law_changes
 from sassgis.gap.fit.site_data import SiteData
 from sassgis.gap.words import number_text, range_text, rung_name
 from sassgis.grid import FloatArray, IntArray
@@ -271,7 +271,10 @@ def _draws(summary: SiteSummary, base: FittedHypothesis, family: str) -> list[Hy
 def _directions(
     summary: SiteSummary, found: LinearFit, base: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Return mean numbers of the base (p,), and units of chance where no ground follows (p, q)."""
+    """Return mean numbers of the base (p,), and units of chance where no ground follows (p, q).
+
+    Nor does the discrepancy of a law, each with its prior.
+    """
     scaled = summary.in_errors(base)
     known = np.isfinite(scaled)
     mean = np.where(known, scaled, 0.0).sum(axis=0) / np.maximum(known.sum(axis=0), 1)
@@ -282,7 +285,7 @@ def _directions(
     covariance = (1.0 - OWN_SCATTER) * covariance + OWN_SCATTER * np.diag(own)
     covariance[np.diag_indices_from(covariance)] = own
     white = np.linalg.inv(np.linalg.cholesky(covariance))
-    slopes = white @ found.slopes
+    slopes = white @ np.column_stack([found.slopes, law_changes(summary)])
     d = slopes.shape[1]
     basis, _ = np.linalg.qr(np.vstack([slopes, np.eye(d)]), mode="complete")
     return mean, white.T @ basis[: len(slopes), d:]

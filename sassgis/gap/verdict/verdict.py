@@ -17,7 +17,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
 
 import numpy as np
 from scipy import stats
@@ -30,7 +30,6 @@ from sassgis.gap.constants import (
     FINDING_ROCKS,
     FINGERPRINT_ROCKS,
     LARGE_GAP,
-    LEAST_POWER,
     LEVEL,
     MOST_Z,
     NAMED_POWER,
@@ -330,18 +329,6 @@ def _would_show(one: Fingerprint) -> bool:
     return one.statistic in _OF_MASSES and one.z > -PRINTED_Z
 
 
-def speaking(prints: Sequence[Fingerprint], gains: Mapping[str, CauseGain]) -> dict[str, CauseGain]:
-    """Return gains that could speak for their causes: some draw of them could close as much.
-
-    Causes at the contact close what another law of the contact than that of the base leaves, too:
-    of these a fingerprint of their own must be significant.
-    """
-    contact = group_of(CONTACT_LAW)
-    own = significant(prints, LEVEL)
-    able = {n: g for n, g in gains.items() if g.power >= LEAST_POWER}
-    return {n: g for n, g in able.items() if group_of(n) != contact or n in own}
-
-
 def seen_of(
     prints: Sequence[Fingerprint], gains: Mapping[str, CauseGain], tried: Sequence[str]
 ) -> tuple[str, ...]:
@@ -351,14 +338,31 @@ def seen_of(
     that a family adds may lie in the gap that another one leaves. Other fingerprints that no
     contact leaves may be hidden by the scatter of the rocks: they must be seen. What another law of
     the contact or a film that begins late leaves as well shows nothing by itself. Else a family
-    must have the power to close something, or close it. ``gains``: those that could speak for their
-    causes.
+    must have the power to close something, or close it. Causes at the contact close what another
+    law of the contact leaves, too: of these a fingerprint must be significant.
     """
     by_prints = {f.effect for f in prints if f.observable and _would_show(f)}
     by_gains = {
         n for n, own in gains.items() if own.power >= NAMED_POWER or own.sureness >= SHOWING_GAIN
     }
+    contact, sure = group_of(CONTACT_LAW), significant(prints, LEVEL)
+    by_gains = {n for n in by_gains if group_of(n) != contact or n in sure}
     return tuple(n for n in tried if n in by_prints or n in by_gains)
+
+
+def is_clear(prints: Sequence[Fingerprint], gains: Mapping[str, CauseGain], effect: str) -> bool:
+    """Return whether a cause shows by what no law of the contact leaves.
+
+    By such a fingerprint, or by what it certainly closes beyond ground and discrepancy of the law,
+    unless it acts at the contact, where another law may close as much.
+    """
+    closes = CAUSES[effect].closes and group_of(effect) != group_of(CONTACT_LAW)
+    if closes and effect in gains and gains[effect].sureness >= SHOWING_GAIN:
+        return True
+    return any(
+        f.effect == effect and f.observable and f.statistic in _CLEAR and f.z >= PRINTED_Z
+        for f in prints
+    )
 
 
 def second_of(
@@ -379,6 +383,7 @@ def second_of(
 
 def decide(
     prints: Sequence[Fingerprint],
+    gains: Mapping[str, CauseGain],
     shares: Mapping[str, float],
     is_adequate: bool,
     closes: float | None,
@@ -387,8 +392,8 @@ def decide(
 ) -> tuple[str, str, str]:
     """Return the answer, its group ("" where not even that is certain), and the reason.
 
-    ``shares``: probability of each family that may be named, of "none" and of "unknown"; one
-    without a fingerprint that no contact could leave is no more likely than "none".
+    ``shares``: probability of each family, of "none" and of "unknown"; a family is named only by
+    what no contact could leave.
     ``is_adequate``: whether the calibrated base leaves no gap that is significant and large.
     ``closes``: share of the gap that the most probable family closes, on rocks left out; None where
     that says nothing of it. ``law``: whether the base needs another law of the contact.
@@ -397,15 +402,16 @@ def decide(
     best = strongest(prints)
     first = max(tried, key=lambda n: shares[n], default="")
     refused = phrase("")
-    if first and shares[first] >= thresholds.named:
+    if first and shares[first] >= thresholds.named and is_clear(prints, gains, first):
         # Such a cause is one also where the rocks come as far without it.
         if closes is None or closes > 0.0 or is_certain(prints, first, thresholds):
             sure = f"{min(shares[first], 0.99):.0%}"
-            seen, z = phrase(best[first].statistic), f"{best[first].z:.1f}"
             reason = phrase("{} probable by its fingerprints", sure)
             if closes is not None and closes > 0.0:
                 reason = phrase("{} probable by its fingerprints and by what it closes", sure)
-            reason = phrase("{}; the surest of its own: {} (z = {})", reason, seen, z)
+            if first in best:
+                seen, z = phrase(best[first].statistic), f"{best[first].z:.1f}"
+                reason = phrase("{}; the surest of its own: {} (z = {})", reason, seen, z)
             return first, group_of(first), reason
         refused = phrase(
             "the fingerprints are those of {}, but the effect closes none of the gap on rocks that "
@@ -454,25 +460,10 @@ def group_probability(group: str, shares: Mapping[str, float]) -> float:
 
 
 def confusion_set(effect: str, least: float, shares: Mapping[str, float]) -> tuple[str, ...]:
-    """Return answer, what is as probable as ``least``, and what is more probable than the answer.
-
-    Two or more families of one group that are not the answer become the group.
-    """
+    """Return answer, then what is as probable as ``least`` or as the answer, most likely first."""
     named = effect.split("+")
     least = min([least, *(p for n, p in shares.items() if n in named)])
-    possible = [n for n, p in shares.items() if p >= least]
-    found = list(named)
-    for name in (n for n in possible if n not in named):
-        group = group_of(name)
-        mates = [n for n in possible if group and group_of(n) == group]
-        apart = [n for n in GROUPS.get(group, ()) if n in shares and n not in named]
-        found.append(group if len(mates) > 1 and len(apart) > 1 else name)
-    return tuple(dict.fromkeys(found))
-
-
-def causes_in(confusion: Sequence[str]) -> tuple[str, ...]:
-    """Return a confusion set with the causes of its groups in their place."""
-    return tuple(dict.fromkeys(n for one in confusion for n in GROUPS.get(one, (one,))))
+    return tuple(dict.fromkeys([*named, *(n for n, p in shares.items() if p >= least)]))
 
 
 def place_of(
@@ -508,39 +499,31 @@ class CauseWeights:
     """Weights of the evidence."""
 
     weights: FloatArray  # shape (4,); of FEATURES
-    offset: float  # by which no cause is more likely than "none" before any evidence
-    #: Logarithm of the odds of an effect that these data cannot show, or that is not known, for
-    #: each of the families that they cannot show and one more.
-    unseen: float
+    offset: float  # by which a cause is less likely than "none" before any evidence
+    other: float  # logarithm of the odds of an effect that is not known
     #: What a gap that the base leaves counts for such an effect, if it is significant and large.
     unsound: float
     farthest: float  # excess of the base that one site of a hundred exceeds (``CauseGain``)
 
-    def logits(self, evidence: FloatArray, hidden: int, sound: bool) -> FloatArray:
-        """Return log odds against "none" of an unseen effect, and of each cause, shape (n + 1,).
+    def logits(self, evidence: FloatArray, sound: bool) -> FloatArray:
+        """Return log odds against "none" of an unknown effect, and of each cause, shape (n + 1,).
 
-        ``evidence``: FEATURES of each cause, (n, 4); ``hidden``: number of families that these data
-        cannot show; ``sound``: whether the base leaves no gap that is significant and large.
+        ``evidence``: FEATURES of each cause, (n, 4); ``sound``: whether the base leaves no gap that
+        is significant and large.
         """
-        other = self.unseen + math.log(hidden + 1) + self.unsound * (not sound)
-        rows = evidence.reshape(-1, len(FEATURES))
-        own = rows @ self.weights - self.offset
-        return np.append(other, np.where(rows[:, 0] < _count(PRINTED_Z), np.minimum(own, 0.0), own))
+        causes = evidence.reshape(-1, len(FEATURES)) @ self.weights - self.offset
+        return np.append(self.other + self.unsound * (not sound), causes)
 
     def shares(
         self,
         prints: Sequence[Fingerprint],
         gains: Mapping[str, CauseGain],
         tried: Sequence[str],
-        hidden: int = 0,
         sound: bool = True,
     ) -> dict[str, float]:
-        """Return the probability of causes, "none" and "unknown", most likely first.
-
-        ``gains``: those that could speak for their causes; ``tried``: families that may be named.
-        """
+        """Return the probability of causes, "none" and "unknown", most likely first."""
         evidence = np.array([evidence_of(name, prints, gains) for name in tried])
-        p = softmax(np.append(0.0, self.logits(evidence, hidden, sound)))
+        p = softmax(np.append(0.0, self.logits(evidence, sound)))
         names = (NONE, UNKNOWN, *tried)
         return {names[k]: float(p[k]) for k in np.argsort(-p, kind="stable").tolist()}
 
@@ -548,7 +531,7 @@ class CauseWeights:
 def evidence_of(
     cause: str, prints: Sequence[Fingerprint], gains: Mapping[str, CauseGain]
 ) -> FloatArray:
-    """Return FEATURES of a cause, (4,), by gains that could speak; what is unseen is 0."""
+    """Return FEATURES of a cause, (4,); what is unseen is 0."""
     clear = {own.name for own in CAUSES[cause].statistics if own.clear}
     own = {f.statistic: f.z for f in prints if f.effect == cause and f.observable}
     best = [
@@ -569,5 +552,5 @@ def weights_of(content: Mapping[str, float]) -> CauseWeights:
     """Return weights from their file; KeyError, TypeError or ValueError if it has none."""
     return CauseWeights(
         np.array([float(content[name]) for name in FEATURES]),
-        *(float(content[name]) for name in ("offset", "unseen", "unsound", "farthest")),
+        *(float(content[f.name]) for f in fields(CauseWeights)[1:]),
     )

@@ -24,7 +24,7 @@ def test_the_weights_are_those_of_the_rows(study: ModuleType) -> None:
     assert json.loads(study.RESULTS.read_text(encoding="utf-8"))["sites"] == len(rows) >= 40
     frozen, weights = cause_weights_of(read_thresholds()), study.fitted(rows)
     np.testing.assert_allclose(frozen.weights, weights.weights, atol=0.02)
-    for name in ("offset", "unseen", "unsound"):
+    for name in study.NUMBERS:
         assert getattr(frozen, name) == pytest.approx(getattr(weights, name), abs=0.02)
     assert frozen.farthest == pytest.approx(weights.farthest, abs=0.1)
 

@@ -12,6 +12,7 @@ from scipy.spatial.distance import euclidean
 from sassgis.gap.diagnosis import Rung
 from sassgis.gap.fit.distances import RockDistances
 from sassgis.gap.fit.hypothesis_fit import NONE
+from sassgis.gap.fit.linear_fit import law_changes, summary_of
 from sassgis.gap.fit.site_data import SiteData, model_rows, site_data_of
 from sassgis.gap.forward.released_rocks import configured_model
 from sassgis.gap.verdict.model_comparison import (
@@ -193,3 +194,18 @@ def test_a_law_of_the_contact_is_needed_where_it_certainly_closes_more() -> None
     assert not needs_contact_law([Rung("configured", 3.0), Rung("ground", 1.0)])
     assert ground_is_enough(rungs((0.6, 1.02), (0.6, 0.9)))
     assert not ground_is_enough(rungs((0.3, 0.5), (0.6, 1.1)))
+
+
+def test_shares_that_a_law_may_be_off_are_no_gain_of_a_cause(problem: SiteData) -> None:
+    summary = summary_of(problem)
+    law = law_changes(summary)
+    assert law.shape[0] == summary.used.sum() and np.isfinite(law).all()
+    names = problem.scale.names
+    speeds = [k for k, name in enumerate(names) if name.endswith(":speed")]
+    # Each column is one share: all stations of a quantity, and no scatter.
+    changed = np.zeros((summary.used.size, law.shape[1]))
+    changed[summary.used] = law
+    of_speed = np.abs(changed[speeds]).sum(axis=0) > 0.0
+    assert of_speed.sum() == 2
+    scatters = changed[len(names) : 3 * len(names)]
+    assert not scatters.any()
