@@ -14,6 +14,7 @@ from sassgis.gap.advice.power import (
     Trial,
     planned_case,
     powers_of,
+    usual_rocks,
 )
 from sassgis.gap.constants import PLANNED_ROCKS, POWER_CAMPAIGNS
 from sassgis.gap.fit.hypothesis_fit import families_to_try
@@ -70,8 +71,11 @@ def plan_campaign(
         case = planned_case(run, max(PLANNED_ROCKS), seed, Path(settings.label))
         observations_template(path, crs=crs or run.grid.crs or None)
         content = read_thresholds()
-        planned = PlannedCampaign(case, cause_weights_of(content), thresholds_of(content), seed)
         causes = families_to_try(case)
+        planned = PlannedCampaign(
+            {n: usual_rocks(case, n, seed) for n in PLANNED_ROCKS}, causes,
+            cause_weights_of(content), thresholds_of(content), seed,
+        )  # fmt: skip
         tell(f"Simulating campaigns with each of {len(causes)} causes")
         try:
             with task_map(planned, workers_asked(settings, jobs)) as tasks:

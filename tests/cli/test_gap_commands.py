@@ -60,7 +60,11 @@ def test_a_template_for_a_site_says_what_a_campaign_would_name(
     slope: Slope, printed, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def power_of(planned: PlannedCampaign, trial: Trial) -> Power:
-        assert planned.case.n_rocks == 100
+        assert {n: own.case.n_rocks for n, own in planned.usual.items()} == {
+            20: 20,
+            40: 40,
+            100: 100,
+        }
         named = trial.cause == "air_drag" and trial.strength == "strong"
         return Power(trial, 1.5, (False, False, False, named))
 

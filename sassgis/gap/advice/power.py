@@ -32,25 +32,22 @@ from sassgis.gap.constants import (
     STRENGTH_SHARES,
 )
 from sassgis.gap.diagnosis import Fingerprint
-from sassgis.gap.fit.hypothesis_fit import families_to_try
 from sassgis.gap.forward.campaign_case import with_campaign
 from sassgis.gap.forward.observation_operator import campaigns
 from sassgis.gap.forward.released_rocks import (
-    HypothesisModel,
     all_rocks,
     configured_model,
     move,
     with_stations_at,
 )
 from sassgis.gap.forward.rock_lines import rock_lines_of
-from sassgis.gap.observations.case import Campaign, Case, case_of
+from sassgis.gap.observations.case import Case, Errors, case_of
 from sassgis.gap.observations.observed import Observations
 from sassgis.gap.observations.tables import Rocks
 from sassgis.gap.residuals.residual_table import ResidualTable, reach_edges, steps_of
 from sassgis.gap.residuals.rock_residuals import holm_adjusted
 from sassgis.gap.residuals.station_residuals import reach_residuals
-from sassgis.gap.residuals.stop_residuals import free_run, observed_at_stations
-from sassgis.gap.verdict.evidence import Evidence, shares_of
+from sassgis.gap.residuals.stop_residuals import FreeRun, free_run, observed_at_stations
 from sassgis.gap.verdict.verdict import CauseWeights, Thresholds, decide, fingerprints
 from sassgis.gap.words import effect_name
 from sassgis.settings.languages import Language, Phrase, in_language, phrase, translated
@@ -174,10 +171,31 @@ def first_rocks(case: Case, n: int) -> Case:
 
 
 @dataclass(frozen=True, slots=True)
+class UsualRocks:
+    """Rocks of a planned campaign without an effect."""
+
+    case: Case  # with one campaign of the configured model in the place of observations
+    run: FreeRun  # their replicates
+
+
+def usual_rocks(planned: Case, n: int, seed: int) -> UsualRocks:
+    """Release the first rocks of a planned case in the configured model."""
+    case = first_rocks(planned, n)
+    base = configured_model(case)
+    (made,) = campaigns(
+        case, rock_lines_of(case), base, count=1, seed=seed, number=POWER_NUMBER,
+        tables=_RECORDED, everywhere=True,
+    )  # fmt: skip
+    case = with_campaign(case, made)
+    return UsualRocks(case, free_run(case, base, seed, REPLICATES))
+
+
+@dataclass(frozen=True, slots=True)
 class PlannedCampaign:
     """A campaign before it is made, and by what an effect is named in it."""
 
-    case: Case  # of the most rocks
+    usual: Mapping[int, UsualRocks]  # by their number
+    families: tuple[str, ...]  # that may be named
     weights: CauseWeights
     thresholds: Thresholds
     seed: int
@@ -185,8 +203,8 @@ class PlannedCampaign:
     def named(self, prints: Sequence[Fingerprint], tables: frozenset[str]) -> str:
         """Return the answer that the fingerprints in some tables give by themselves."""
         seen = in_tables(prints, tables)
-        shares = shares_of(Evidence(seen, (), {}, ()), families_to_try(self.case), self.weights)
-        return decide(seen, shares, True, None, self.thresholds, False)[0]
+        shares = self.weights.shares(seen, {}, self.families, True)
+        return decide(seen, {}, shares, True, None, self.thresholds, False)[0]
 
 
 def in_tables(prints: Sequence[Fingerprint], tables: frozenset[str]) -> tuple[Fingerprint, ...]:
@@ -217,35 +235,28 @@ class Power:
 
 def power_of(planned: PlannedCampaign, trial: Trial) -> Power:
     """Make campaigns with a cause, until it is clear which tables name it often enough."""
-    case, seed = first_rocks(planned.case, trial.rocks), planned.seed
-    lines, base = rock_lines_of(case), configured_model(case)
-
-    def made(model: HypothesisModel, count: int, number: int) -> list[Campaign]:
-        return campaigns(
-            case, lines, model, count=count, seed=seed, number=number, tables=_RECORDED,
-            everywhere=True,
-        )  # fmt: skip
-
-    # Where an effect acts may hang on how far rocks come.
-    (usual,) = made(base, 1, POWER_NUMBER)
+    usual = planned.usual[trial.rocks]
     strength, share = STRENGTHS[trial.cause], STRENGTH_SHARES[trial.strength]
-    part = strength.part(with_campaign(case, usual), trial.cause, share)
+    part = strength.part(usual.case, trial.cause, share)
+    samples = campaigns(
+        usual.case, replace(usual.run.rock_lines, observer=Errors()), part.change(usual.run.model),
+        count=POWER_CAMPAIGNS, seed=planned.seed, number=POWER_NUMBER + 1, tables=_RECORDED,
+        everywhere=True,
+    )  # fmt: skip
     enough = math.ceil(NAMED_POWER * POWER_CAMPAIGNS)
     times = np.zeros(len(TABLE_SETS), np.int64)
-    samples = made(part.change(base), POWER_CAMPAIGNS, POWER_NUMBER + 1)
     for left, sample in zip(range(len(samples), 0, -1), samples, strict=True):
         if ((times >= enough) | (times + left < enough)).all():
             break
-        prints = _prints(with_campaign(case, sample), base, seed)
+        prints = _prints(with_campaign(usual.case, sample), usual.run)
         times += [planned.named(prints, tables) == trial.cause for tables in TABLE_SETS]
     value = float(part.parameters[strength.reported])
     return Power(trial, value, tuple((times >= enough).tolist()))
 
 
-def _prints(case: Case, base: HypothesisModel, seed: int) -> tuple[Fingerprint, ...]:
+def _prints(case: Case, run: FreeRun) -> tuple[Fingerprint, ...]:
     """Return fingerprints against a model; residuals that none of them reads are not made."""
-    rng = np.random.default_rng([seed, 31])
-    run = free_run(case, base, seed, REPLICATES)
+    rng = np.random.default_rng([run.seed, 31])
     seen, edges = observed_at_stations(case), reach_edges(case, run)
     rows = tuple(reach_residuals(case, seen, run, edges, rng=rng))
     return fingerprints(case, ResidualTable(run, rows, steps_of(case, run, rng)))

@@ -21,6 +21,7 @@ from sassgis.gap.advice.power import (
     planned_case,
     power_of,
     powers_of,
+    usual_rocks,
 )
 from sassgis.gap.causes.all_causes import FAMILIES, STATISTICS
 from sassgis.gap.constants import PLANNED_ROCKS, STRENGTH_SHARES
@@ -41,7 +42,8 @@ def case(tmp_path_factory: pytest.TempPathFactory) -> Case:
 
 @pytest.fixture(scope="module")
 def planned(case: Case) -> PlannedCampaign:
-    return PlannedCampaign(case, cause_weights_of(CONTENT), thresholds_of(CONTENT), 1)
+    weights, thresholds = cause_weights_of(CONTENT), thresholds_of(CONTENT)
+    return PlannedCampaign({20: usual_rocks(case, 20, 1)}, FAMILIES, weights, thresholds, 1)
 
 
 def named(trial: Trial) -> tuple[bool, ...]:
