@@ -128,11 +128,9 @@ def holds(truth: Truth, answer: Answer) -> bool:
 
 
 def is_covered(truth: Truth, answer: Answer) -> bool:
-    """Whether the truth or its group is in the confusion set; of a pair, itself or both of it."""
+    """Whether the truth is in the confusion set; of a pair, one of it."""
     sets = {in_order(name) for name in answer.confusion_set}
-    return bool(sets & {*truth.right}) or bool(
-        truth.part == "pair" and names_in(truth.verdict) <= sets
-    )
+    return bool(sets & ({*truth.right} | names_in(truth.verdict)))
 
 
 def in_order(effect: str) -> str:

@@ -167,8 +167,8 @@ def _measures(pairs: Sequence[Pair]) -> dict[str, Share]:
             lambda _, a: a.recommended,
             [p for p in pairs if p[1].short],
         ),
-        "covered_everything": ("truth in the set, everything observed", is_covered, seen(whole)),
-        "covered_otherwise": ("truth in the set, other observations", is_covered, seen(parts)),
+        "covered_everything": ("truth in the set, everything observed", is_covered, whole),
+        "covered_otherwise": ("truth in the set, other observations", is_covered, parts),
         "confident_right": (
             "so where confident", holds, [p for p in pairs if p[1].confidence >= NAMED_CONFIDENCE],
         ),

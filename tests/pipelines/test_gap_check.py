@@ -30,7 +30,7 @@ config, observations, out = sys.argv[1:]
 assert pathlib.Path(config).is_file() and "SECRET" not in os.environ
 if pathlib.Path.cwd().name == "002":
     sys.exit("nothing to say")
-verdict = {"effect": "none", "confidence": 0.7, "confusion_set": ["none"]}
+verdict = {"effect": "none", "confidence": 0.7, "confusion_set": ["none"], "adequate": True}
 pathlib.Path(out).mkdir()
 text = json.dumps({"verdict": verdict, "advice": {}})
 pathlib.Path(out, "diagnosis.json").write_text(text)
@@ -256,7 +256,9 @@ def test_a_pair_is_the_same_in_any_order() -> None:
     pair = truth("1", "air_drag+trees")
     assert is_right(pair, said("1", "trees+air_drag")) and not is_right(pair, said("1", "trees"))
     assert is_covered(pair, said("1", "none", confusion_set=("trees", "air_drag")))
-    assert not is_covered(pair, said("1", "none", confusion_set=("trees",)))
+    # One of the two is in the set.
+    assert is_covered(pair, said("1", "none", confusion_set=("trees",)))
+    assert not is_covered(pair, said("1", "none", confusion_set=("none", "roughness")))
 
 
 def test_sites_and_answers_must_be_the_same() -> None:
