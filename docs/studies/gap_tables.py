@@ -1,8 +1,8 @@
 """Put the tables of the field cases into their pages.
 
 ``python docs/studies/gap_tables.py`` rewrites what stands between ``<!-- gap: NAME -->`` and
-``<!-- end gap -->`` in the pages ``gap_*.md`` of this folder from the committed ``results.json``,
-which ``python pipelines/gap_NAME.py DATA -o OUT`` writes.
+``<!-- end gap -->`` in the pages ``gap_*.md`` of this folder, and in ``docs/gap_practice.md``, from
+the committed ``results.json``, which ``python pipelines/gap_NAME.py DATA -o OUT`` writes.
 """
 
 from __future__ import annotations
@@ -108,6 +108,151 @@ def ladder(case: str) -> str:
     return table(" | ".join([head, *splits]), rows) if splits else NONE
 
 
+#: Numbers of the quantiles that are shown.
+MEDIAN, HIGH = 1, 2
+
+
+def whole(share: float, sign: str = "") -> str:
+    """Per cent, without their unit."""
+    text = f"{100.0 * share:{sign}.0f}"
+    return "0" if text in ("+0", "-0") else text.replace("-", "−")
+
+
+def percent(value: float, limits: list[float], sign: str = "+") -> str:
+    """A relative error, or a share, with its interval."""
+    return f"{whole(value, sign)} % ({' to '.join(map(whole, limits))})"
+
+
+def steps() -> dict[str, Any]:
+    """What was added at Tschamut, step by step."""
+    found: dict[str, Any] = results("tschamut")["steps"]
+    return found
+
+
+def where() -> str:
+    """How far the former classes are off by distance: all rocks."""
+    units = {"run-out": "m", "speed": "m/s", "energy": "kJ", "height": "m"}
+    rows = []
+    for name, one in steps()["where"].items():
+        unit = units.get(name.split(" ")[0])
+        sides = (one[side] for side in ("observed", "simulated"))
+        shown = (f"{number(q[MEDIAN])} / {number(q[HIGH])}" for q in sides)
+        off = (percent(one["error"][k], one["ci95"][k]) for k in (MEDIAN, HIGH))
+        rows.append(" | ".join([f"{name} ({unit})" if unit else name, *shown, *off]))
+    return table(
+        "50 / 90 % of the rocks | observed | former classes | error of the median (95 %) | "
+        "error of the 90 % (95 %)",
+        rows,
+    )
+
+
+def shares() -> dict[str, dict[str, Any]]:
+    """Rungs of the steps at Tschamut by name, on held-out rocks."""
+    return {rung["rung"]: rung for rung in steps()["tschamut"]}
+
+
+def added() -> str:
+    """What each step closes on held-out rocks, what is left, and what it does at other sites."""
+    found, rows = steps(), []
+    stops = {rung["rung"]: rung["distance"] for rung in found["authume"]}
+    for name, rung in shares().items():
+        if name not in found["chant_sura"]:
+            continue
+        off = found["left_out"][name]
+        closed, gain = "", ""
+        if rung["share"] is not None:
+            closed = percent(rung["share"], rung["ci95"], "")
+        if name in found["steps"]:
+            value, low, high = (
+                f"{v:.1f}".replace("-0.0", "0.0").replace("-", "−")
+                for v in (rung["gain"], *rung["gain_ci95"])
+            )
+            gain = f"{value} ({low} to {high}) beyond {found['steps'][name]}"
+        cells = [
+            name, number(rung["distance"]), closed, gain,
+            *(f"{whole(off[q]['error'][k], '+')} %" for q, k in (
+                ("speed 60 m", MEDIAN), ("height 60 m", HIGH), ("contacts", MEDIAN),
+                ("run-out", MEDIAN),
+            )),
+            f"{whole(found['chant_sura'][name]['speed_error'][MEDIAN], '+')} %",
+            number(stops[name], 2),
+        ]  # fmt: skip
+        rows.append(" | ".join(cells))
+    return table(
+        "model | energy distance | gap closed (95 %) | gain (95 %) | speed at 60 m, 50 % | height "
+        "at 60 m, 90 % | contacts, 50 % | run-out, 50 % | Chant Sura: speed, 50 % | Authume: "
+        "energy distance",
+        rows,
+    )
+
+
+def values() -> str:
+    """Values of each step."""
+    found = steps()["values"]
+    names = {"mu_0": "μ_0", "mu_f": "μ_f", "mu_v": "μ_v", "restitution": "restitution",
+             "restitution_speed_mps": "its speed (m/s)", "eta_max": "η_max", "dp_max": "Δp/p",
+             "d_star_m": "d* (m)", "rolling_threshold": "rolling threshold",
+             "outline_edges": "outline_edges", "outline_share": "outline_share",
+             "rolling_friction_sd": "rolling_friction_sd"}  # fmt: skip
+    rows = [
+        " | ".join([step, *(number(round(own[n], 4), 2) if n in own else "" for n in names)])
+        for step, own in found.items()
+        if own
+    ]
+    return table(" | ".join(["fitted to half of the runs", *names.values()]), rows)
+
+
+def answers() -> str:
+    """Where, why and how far, in three sentences each."""
+    found, rung = steps(), shares()
+    seen, off, cliff = found["where"], found["left_out"], found["chant_sura"]
+
+    def closed(name: str) -> str:
+        return percent(rung[name]["share"], rung[name]["ci95"], "")
+
+    def middle(name: str) -> str:
+        return percent(seen[name]["error"][MEDIAN], seen[name]["ci95"][MEDIAN])
+
+    def high(name: str) -> str:
+        return percent(seen[name]["error"][HIGH], seen[name]["ci95"][HIGH])
+
+    def fast(name: str) -> str:
+        return f"{whole(cliff[name]['speed_error'][MEDIAN], '+')} %"
+
+    def change(what: str, k: int, name: str) -> str:
+        before, after = (off[m][what]["error"][k] for m in ("former", name))
+        return f"{whole(before, '+')} % to {whole(after, '+')} %"
+
+    contacts = seen["contacts"]
+    said = " and ".join(
+        f"`{one['verdict']}` on {one['fitted_on']} runs"
+        for one in results("tschamut")["splits"].values()
+    )
+    return "\n".join(
+        [
+            f"1. **Where.** Simulated speeds differ by {middle('speed 20 m')} at 20 m, "
+            f"{middle('speed 40 m')} at 40 m and {middle('speed 60 m')} at 60 m (medians, 95 % "
+            f"over rocks). At 60 m energies differ by {middle('energy 60 m')} and 90 % heights by "
+            f"{high('height 60 m')}; blocks have {number(contacts['simulated'][MEDIAN], 2)} "
+            f"contacts for {number(contacts['observed'][MEDIAN], 2)}. The run-out, to which the "
+            f"class was fitted, differs by {middle('run-out')}.",
+            f"2. **Why.** `sassgis gap diagnose` answers {said}. On held-out rocks other friction "
+            f"closes {closed('friction')} of the gap, "
+            f"resistance that grows with the speed {closed('resistance')}, another rebound "
+            f"{closed('rebound')}, other unevenness {closed('unevenness')}, the outline of blocks "
+            f"{closed('outline')}. Resistance takes the speed at 60 m from "
+            f"{change('speed 60 m', MEDIAN, 'resistance')}, rebound the 90 % height there from "
+            f"{change('height 60 m', HIGH, 'rebound')}. Tschamut by itself does not separate them; "
+            f"a block of 780 kg at Chant Sura does: its speed differs by {fast('former')}, with "
+            f"resistance by {fast('resistance')}, with everything but resistance by "
+            f"{fast('everything but resistance')}.",
+            f"3. **How far.** Everything together closes {closed('everything')} on held-out rocks; "
+            f"the built-in class, fitted to all rocks of three sites, {closed('built-in')}. Speeds "
+            f"at Chant Sura then differ by {fast('everything')} and {fast('built-in')}.",
+        ]
+    )
+
+
 def left_out(case: str) -> str:
     """What was calibrated and handed over, on held-out rocks; equal results in one row."""
     rows = []
@@ -187,19 +332,25 @@ def spread(values: list[float]) -> list[str]:
     return list(dict.fromkeys(number(v, 2) for v in (min(values), max(values))))
 
 
+def both(case: str, names: tuple[str, ...]) -> dict[str, Any]:
+    """Tables that cases with stops have."""
+    made = {"uncalibrated": untuned, "verdict": verdict, "ladder": ladder, "held out": left_out}
+    return {f"{case} {name}": partial(made[name], case) for name in names}
+
+
 TABLES = {
-    **{
-        f"{case} {name}": partial(made, case)
-        for case in ("tschamut", "authume")
-        for name, made in (
-            ("uncalibrated", untuned), ("verdict", verdict), ("ladder", ladder),
-            ("held out", left_out),
-        )
-    },
+    **both("tschamut", ("verdict", "ladder")),
+    **both("authume", ("uncalibrated", "verdict", "ladder", "held out")),
+    "tschamut where": where,
+    "tschamut steps": added,
+    "tschamut values": values,
+    "tschamut answers": answers,
     "chant_sura contacts": contacts,
     "chant_sura scars": scars,
     "authume program": program,
-}  # fmt: skip
+}
+#: Pages with tables of field cases.
+PAGES = (*sorted(HERE.glob("gap_*.md")), HERE.parent / "gap_practice.md")
 
 
 def filled(text: str) -> str:
@@ -208,4 +359,4 @@ def filled(text: str) -> str:
 
 
 if __name__ == "__main__":
-    study_tables.rewrite(sorted(HERE.glob("gap_*.md")), filled)
+    study_tables.rewrite(PAGES, filled)

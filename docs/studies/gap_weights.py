@@ -13,7 +13,7 @@ how often the check of the base calls that same model inadequate
 (``docs/studies/gap_weights/level.csv``). ``fit`` fits the numbers to all
 rows (``sassgis/data/gap_thresholds.json``) and writes ``docs/studies/gap_weights/results.json``:
 scores of answers on the sites of each generator by numbers fitted to the others. ``page`` writes
-these into ``docs/studies/gap_weights.md``.
+these into ``docs/studies/gap_weights.md``, and the first sentences of it into ``docs/gap.md``.
 """
 
 from __future__ import annotations
@@ -79,6 +79,7 @@ from sassgis.simulation.workers import one_algebra_thread, task_map
 STUDY = Path(__file__).with_suffix("")
 ROWS, RESULTS, PAGE = STUDY / "rows.csv", STUDY / "results.json", STUDY.with_suffix(".md")
 LEVEL = STUDY / "level.csv"
+GAP_PAGE = STUDY.parents[1] / "gap.md"
 #: Campaigns of the configured model at each site without an effect.
 CAMPAIGNS = 2
 #: Batteries of sites by seed, and how many of each: these are no check any more.
@@ -569,10 +570,16 @@ def reached() -> str:
     return table(" | ".join(["", *(f"{limit} and more" for limit in REACHED)]), rows)
 
 
+def with_headline(text: str) -> str:
+    """A page with the figures that hold for generators that the weights never saw."""
+    return between_marks(text, "headline", headline())
+
+
 def filled(text: str) -> str:
     """The page with its tables."""
+    text = with_headline(text)
     tables = {
-        "headline": headline, "laws": by_generator, "confusion": confusion, "level": level,
+        "laws": by_generator, "confusion": confusion, "level": level,
         "against": against, "reached": reached, "adequacy": adequacy,
     }  # fmt: skip
     for name, made in tables.items():
@@ -600,6 +607,7 @@ def main() -> None:
         fit()
     else:
         PAGE.write_text(filled(PAGE.read_text(encoding="utf-8")), encoding="utf-8")
+        GAP_PAGE.write_text(with_headline(GAP_PAGE.read_text(encoding="utf-8")), encoding="utf-8")
 
 
 if __name__ == "__main__":

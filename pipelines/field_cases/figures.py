@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from sassgis.grid import FloatArray
@@ -16,6 +17,7 @@ from sassgis.report.figures.style import (
     GREEN,
     GREY,
     INK,
+    LIGHT,
     ORANGE,
     SKY,
     SMALL,
@@ -268,3 +270,74 @@ def kinematics_figure(seen: Mapping[str, FloatArray], made: Mapping[str, FloatAr
     for row in axes:
         row[0].set_ylabel("share of rocks")
     return figure
+
+
+#: Models of the figure of the steps, with their colours.
+_BEFORE_AFTER = {"former": VERMILION, "resistance": SKY, "everything": BLUE}
+_BY_DISTANCE = {"speed": "m/s", "energy": "kJ", "height": "m"}
+
+
+@house_style()
+def steps_figure(results: Mapping[str, Any]) -> Figure:
+    """Held-out rocks before and after by distance, and what each step closes of the gap.
+
+    Parameters
+    ----------
+    results : mapping
+        As of added_steps.
+    """
+    motion = results["left_out"]
+    shown = {name: motion[name] for name in _BEFORE_AFTER}
+    places = [name.split(" ", 1)[1] for name in motion["former"] if name.startswith("speed ")]
+    figure = new_figure(WIDTH_IN, 4.6)
+    above, below = figure.subfigures(2, 1, height_ratios=(1.0, 0.9))
+    for ax, (what, unit) in zip(above.subplots(1, 3), _BY_DISTANCE.items(), strict=True):
+        rows = [f"{what} {place}" for place in places]
+        _quantile_bars(ax, rows, shown)
+        ax.set_xticks(range(len(rows)), places)
+        ax.set_title(f"{what} ({unit})")
+        ax.set_ylim(0.0)
+    left, middle, right = below.subplots(1, 3, width_ratios=(0.7, 0.7, 1.0))
+    _quantile_bars(left, ["contacts"], shown)
+    left.set_xticks([])
+    left.set_title("contacts")
+    left.set_ylim(0.0)
+    cliff = results["chant_sura"]
+    published = np.divide(cliff["former"]["speed"], 1.0 + np.array(cliff["former"]["speed_error"]))
+    speeds = {"observed": published, **{name: cliff[name]["speed"] for name in shown}}
+    for x, (name, quartiles) in enumerate(speeds.items()):
+        colour = _BEFORE_AFTER.get(name, INK)
+        middle.vlines(x, quartiles[0], quartiles[2], color=colour, lw=1.6)
+        middle.plot(x, quartiles[1], "o", ms=4, color=colour)
+    middle.set_xticks([])
+    middle.set_xlim(-1.0, len(speeds))
+    middle.set_title("Chant Sura: speed (m/s)")
+    middle.set_ylim(0.0)
+    rungs = [r for r in results["tschamut"] if r["share"] is not None]
+    for y, rung in enumerate(reversed(rungs)):
+        colour = _BEFORE_AFTER.get(rung["rung"], LIGHT)
+        right.barh(y, 100.0 * rung["share"], color=colour, height=0.6)
+        if rung["ci95"] is not None:
+            right.plot([100.0 * v for v in rung["ci95"]], [y, y], color=INK, lw=1.0)
+    right.set_yticks(range(len(rungs)), [r["rung"] for r in reversed(rungs)])
+    right.set_title("gap closed (%)")
+    right.axvline(0.0, color=GREY, lw=0.6)
+    handles, labels = left.get_legend_handles_labels()
+    figure.legend(handles, labels, loc="outside lower center", ncols=len(labels))
+    return figure
+
+
+def _quantile_bars(
+    ax: Axes, rows: Sequence[str], models: Mapping[str, Mapping[str, Mapping[str, Any]]]
+) -> None:
+    """Median and 10 to 90 % of rocks and blocks, side by side."""
+    seen = next(iter(models.values()))
+    columns = {"observed": (INK, [seen[row]["observed"] for row in rows])}
+    for name, own in models.items():
+        columns[name] = _BEFORE_AFTER[name], [own[row]["simulated"] for row in rows]
+    for k, (label, (colour, values)) in enumerate(columns.items()):
+        x = np.arange(len(rows)) + 0.18 * (k - 0.5 * (len(columns) - 1))
+        low, middle, high = np.array(values).T
+        ax.vlines(x, low, high, color=colour, lw=1.6)
+        ax.plot(x, middle, "o", ms=4, color=colour, label=label)
+    ax.set_xlim(-0.5, len(rows) - 0.5)

@@ -116,6 +116,7 @@ def tschamut(
     out: Path,
     slope: str = "soft_meadow",
     divisions: int = 1,
+    more: Sections | None = None,
 ) -> Site:
     """Write the runs of Tschamut 2014, each from where it was released.
 
@@ -127,6 +128,8 @@ def tschamut(
         Class of the slope.
     divisions : int
         Random divisions into halves whose observations are written.
+    more : mapping, optional
+        Further lines of the configuration.
     """
     folder = "tschamut2014"
     release = pd.read_csv(field_file(data, folder, "release_points.csv"))
@@ -163,13 +166,13 @@ def tschamut(
     of_plate = {"plate": tuple(rocks.loc[own, "rock_id"].tolist() for own in (~plate, plate))}
     meta, tables = {"position_error_m": round(scatter, 2)}, {}
     if (file := data / folder / "contacts.csv").is_file():
-        tables, more = contacts_at_tschamut(file, rocks)
+        tables, noted = contacts_at_tschamut(file, rocks)
         meta = {"position_error_m": CONTACT_ERROR_M, "stop_error_m": round(scatter, 2)}
-        notes += more
+        notes += noted
     return written(
         "Tschamut",
         out,
-        {"terrain": 'dem = "dem.tif"', "ground": f'default = "{slope}"'},
+        joined({"terrain": 'dem = "dem.tif"', "ground": f'default = "{slope}"'}, more or {}),
         slope,
         rocks,
         [shapely.Point(*xy) for xy in points],
@@ -219,6 +222,7 @@ def authume(
     out: Path,
     slope: str = AUTHUME_ZONES[SLOPE_ZONE],
     divisions: int = 1,
+    more: Sections | None = None,
 ) -> Site:
     """Write the blocks of position P1, released somewhere in a square above the quarry.
 
@@ -254,7 +258,7 @@ def authume(
     return written(
         "Authume",
         out,
-        {**quarry(data, slope), "blocks": f"drop_m = {drop}"},
+        joined({**quarry(data, slope), "blocks": f"drop_m = {drop}"}, more or {}),
         slope,
         rocks,
         [shapely.MultiPoint(square).convex_hull] * len(rocks),
@@ -278,6 +282,14 @@ def quarry(data: Path, slope: str) -> Sections:
 def _classes(slope: str) -> dict[int, str]:
     """Ground classes at Authume by their code, with that of the slope."""
     return {**AUTHUME_ZONES, SLOPE_ZONE: slope}
+
+
+def joined(lines: Sections, more: Sections) -> dict[str, str]:
+    """Lines of both, by section."""
+    return {
+        section: "\n".join(of[section] for of in (lines, more) if section in of)
+        for section in dict.fromkeys([*lines, *more])
+    }
 
 
 def halves(rocks: pd.DataFrame, divisions: int) -> dict[str, tuple[list[str], list[str]]]:
@@ -314,10 +326,9 @@ def written(
         "output": 'rock_table = "csv"\npaths_max = 0',
     }
     text = []
-    for section in dict.fromkeys([*lines, *sections]):
+    for section, own in joined(lines, sections).items():
         if section != "blocks":
-            own = [of[section] for of in (lines, sections) if section in of]
-            text.append("\n".join([f"[{section}]", *own, ""]))
+            text.append(f"[{section}]\n{own}\n")
     block = sections.get("blocks", "")
     for row in rocks[rocks["rock_id"] == scenario].to_dict("records"):
         axes = "\n".join(f"axis_{k + 1}_m = {row[axis]!r}" for k, axis in enumerate(AXES))

@@ -20,10 +20,12 @@ from sassgis.gap.observations.case import Case
 from sassgis.grid import FloatArray
 from sassgis.settings.ground import GroundTable
 
+Ranges = Mapping[str, tuple[float, float]]
+
 MEADOW, SLOPE = "soft_meadow", "overgrown_slope"
 #: What is searched, with its range: values of both soils; μ_0 of each; the rebound of rock, which
 #: lies below the slope at Authume; the standard deviation of the resistance of blocks.
-SEARCHED: Mapping[str, tuple[float, float]] = {
+SEARCHED: Ranges = {
     "mu_f": (0.4, 0.9), "dp_max": (0.0, 0.5), "mu_v": (0.0, 0.016), "d_star_m": (0.0, 0.4),
     "restitution": (0.1, 0.9), "restitution_speed_mps": (0.7, 15.0), "eta_max": (0.6, 1.0),
     "rolling_threshold": (0.03, 1.0), "mu_0 meadow": (0.0, 0.45), "mu_0 slope": (0.1, 0.6),
@@ -91,21 +93,21 @@ def engine_of(values: Mapping[str, float]) -> dict[str, float]:
     return {key: values[key] for key in ENGINE}
 
 
-def values_at(unit: FloatArray) -> dict[str, float]:
+def values_at(unit: FloatArray, ranges: Ranges = SEARCHED) -> dict[str, float]:
     """Values at a point of the unit cube."""
     found = {}
-    for at, (name, (low, high)) in zip(unit.tolist(), SEARCHED.items(), strict=True):
+    for at, (name, (low, high)) in zip(unit.tolist(), ranges.items(), strict=True):
         found[name] = low * (high / low) ** at if name in _LOG else low + at * (high - low)
     return found
 
 
-def unit_of(values: Mapping[str, float]) -> FloatArray:
+def unit_of(values: Mapping[str, float], ranges: Ranges = SEARCHED) -> FloatArray:
     """The point of the unit cube with these values."""
     rows = [
         np.log(values[name] / low) / np.log(high / low)
         if name in _LOG
         else (values[name] - low) / (high - low)
-        for name, (low, high) in SEARCHED.items()
+        for name, (low, high) in ranges.items()
     ]
     return np.clip(np.array(rows), 0.0, 1.0)
 

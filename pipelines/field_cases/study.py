@@ -243,7 +243,7 @@ def diagnosed(
     case: FieldCase, split: str, fit: str, left_out: str, given: argparse.Namespace
 ) -> dict[str, Any]:
     """Calibrate and diagnose on the rocks to fit on; score both models on those left out."""
-    folder = given.output / f"diagnosis_{split}"
+    folder = given.output / f"diagnosis_{split}".replace(" ", "_")
     answer = diagnose(*case.pair(fit), folder, jobs=given.jobs, seed=given.seed)
     verdict, shrinkage = answer.verdict, answer.shrinkage
     report: dict[str, Any] = {
@@ -267,7 +267,7 @@ def diagnosed(
         "cannot_tell": answer.not_identifiable,
         "measure_next": answer.measure_next,
     }  # fmt: skip
-    if (case.observations[left_out] / "deposits.csv").is_file():
+    if left_out and (case.observations[left_out] / "deposits.csv").is_file():
         own = given.output / f"calibrated_{split}"
         found = calibrate([case.pair(fit)], own, jobs=given.jobs, seed=given.seed)
         report["calibrated"] = {f.parameter.label: f.value for f in found.fitted}

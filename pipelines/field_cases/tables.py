@@ -41,7 +41,7 @@ class FieldCase:
     observations : mapping
         Folder of each set: "all", and for each split the fitted and the held-out rocks.
     splits : mapping of name to (str, str)
-        Names of its two sets.
+        Names of its two sets; without the second nothing is scored.
     notes : tuple of str
         Rows left out and decisions while reading.
     """

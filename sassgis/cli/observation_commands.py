@@ -128,6 +128,8 @@ def validate_observations(observations: Path, config: Path | None) -> None:
         click.echo(f"  {own.name} ({own.table}): {own.values} values of {own.rocks} rocks")
     for line in found.not_identifiable:
         click.echo(f"not identifiable: {line}")
+    if found.not_testable:
+        click.echo(found.not_testable)
     if any(finding.level == "error" for finding in findings):
         click.get_current_context().exit(1)
 
@@ -169,8 +171,8 @@ def diagnose(
     with at_work(given) as how:
         result = run_diagnosis(config, observations, out, draws=draws or FIT_DRAWS, **how)
     notes(result.warnings)
-    click.echo(result.first_sentence)
-    click.echo(verdict_sentence(result))
+    for line in filter(None, (result.first_sentence, verdict_sentence(result))):
+        click.echo(line)
     click.echo(
         f"Open {out / 'report.html'} in a browser, {out / 'gap.gpkg'} in QGIS; "
         f"{out / 'model' / 'config.toml'} has {file_has(result.advice.recommended)}"

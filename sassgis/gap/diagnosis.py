@@ -79,6 +79,28 @@ class Verdict:
         nothing = self.effect in ("none", "unknown", "contact_law")
         return () if nothing else tuple(self.effect.split("+"))
 
+    @property
+    def ranked(self) -> Mapping[str, float]:
+        """Probabilities, most likely first, as they are shown.
+
+        "unknown" has those of the causes that these data cannot show; where the contact follows
+        another law, "none" is that law.
+        """
+        names = dict.fromkeys(self.cannot_exclude, "unknown")
+        if self.effect == "contact_law":
+            names["none"] = "contact_law"
+        found: dict[str, float] = {}
+        for name, p in self.probabilities.items():
+            shown = names.get(name, name)
+            found[shown] = found.get(shown, 0.0) + p
+        return dict(sorted(found.items(), key=lambda one: -one[1]))
+
+    @property
+    def rivals(self) -> tuple[str, ...]:
+        """What these data could show, and do not separate from the answer."""
+        own = {*self.effect.split("+"), *self.cannot_exclude}
+        return tuple(name for name in self.confusion_set if name not in own)
+
 
 @dataclass(frozen=True, slots=True)
 class Fingerprint:
@@ -259,6 +281,7 @@ class Comparison:
     observed: tuple[float, ...]
     base: tuple[float, ...]
     effect: tuple[float, ...] = ()  # empty if none is named
+    configured: tuple[float, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
@@ -266,7 +289,7 @@ class Diagnosis:
     """All that a diagnosis states."""
 
     verdict: Verdict
-    where: tuple[GapFinding, ...]  # most certain first
+    where: tuple[GapFinding, ...]  # of the calibrated base, most certain first
     which: tuple[Hypothesis, ...]  # most probable first
     shrinkage: Shrinkage
     rocks: int
@@ -284,13 +307,15 @@ class Diagnosis:
     ladder: tuple[Rung, ...] = ()
     advice: Advice = Advice()
     first_sentence: str = ""
+    where_configured: tuple[GapFinding, ...] = ()  # of the configured model
+    not_testable: str = ""  # causes that these data cannot show, and what would show them
     #: Discrepancy of the law of motion of the base; empty where it leaves no large gap without.
     law: tuple[Discrepancy, ...] = ()
 
 
 def as_json(diagnosis: Diagnosis) -> dict[str, Any]:
     """Return the diagnosis in the layout of ``diagnosis.json``; missing numbers become None."""
-    records = ("where", "which", "fingerprints", "gains", "ladder", "law")
+    records = ("where", "where_configured", "which", "fingerprints", "gains", "ladder", "law")
     plain: dict[str, Any] = without_nan(
         {
             "first_sentence": diagnosis.first_sentence,
@@ -303,6 +328,7 @@ def as_json(diagnosis: Diagnosis) -> dict[str, Any]:
                 "tables": diagnosis.tables,
                 "cannot_tell": diagnosis.not_identifiable,
                 "measure_next": diagnosis.measure_next,
+                "not_testable": diagnosis.not_testable,
                 "warnings": diagnosis.warnings,
             },
             "settings_hash": diagnosis.settings_hash,

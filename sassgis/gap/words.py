@@ -2,20 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from functools import reduce
 
 from sassgis.gap.causes.all_causes import CAUSES, GROUPS
 from sassgis.gap.constants import LEVEL
-from sassgis.gap.diagnosis import GapFinding
+from sassgis.gap.diagnosis import GapFinding, Rung
 from sassgis.settings.languages import Phrase, all_of, in_english, joined, named, phrase
 from sassgis.settings.results import ground_name, short
 from sassgis.settings.styles import with_unit
 
 EFFECT_NAMES: Mapping[str, str] = {
     **{name: cause.words[0] for name, cause in CAUSES.items()},
-    "none": "calibration alone",
-    "unknown": "unknown effect",
+    "none": "no missing effect",
+    "unknown": "unknown or not testable with these data",
 }
 
 QUANTITY_NAMES: Mapping[str, str] = {
@@ -66,6 +66,9 @@ _TESTS: Mapping[str, str] = {
     "one step": "from one state to the next",
 }
 
+#: No cause is stated to be more probable; one that is less probable is not listed.
+MOST_SURE, LISTED = 0.99, 0.005
+
 #: Rungs of the ladder that are no effect.
 RUNG_NAMES: Mapping[str, str] = {
     "configured": "the configured ground",
@@ -111,6 +114,16 @@ def effect_phrase(effect: str) -> Phrase:
 def closed_percent(share: float) -> float:
     """Return closed share of a gap, in per cent: nearer than chance leaves models is no nearer."""
     return 100.0 * min(share, 1.0)
+
+
+def is_chance(rung: Rung, ladder: Sequence[Rung]) -> bool:
+    """Return whether the distance of a model of the ladder is not distinguishable from chance."""
+    first, floor = ladder[0], ladder[-1]
+    if rung.ci95 is not None and rung.ci95[1] >= 1.0:
+        return True
+    # Where the first one may be chance, no model has a share.
+    withheld = all(own.share is None for own in ladder)
+    return rung.distance <= max(floor.distance, first.distance if withheld else 0.0)
 
 
 def number_text(value: float) -> str:

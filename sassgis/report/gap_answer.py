@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 
 from sassgis.gap import words
-from sassgis.gap.diagnosis import Diagnosis, GapFinding, Hypothesis, Shrinkage, Verdict
+from sassgis.gap.diagnosis import Diagnosis, GapFinding, Hypothesis, Shrinkage
 from sassgis.report.page import ReportAnswer, sensible
 from sassgis.settings.languages import Phrase, all_of, capital, joined, phrase
 from sassgis.settings.styles import with_unit
@@ -20,20 +20,30 @@ MATTERS = ("speed_mps", "runout_m", "energy_kept", "height_m", "rotation_hz", "l
 
 
 def verdict_sentence(diagnosis: Diagnosis) -> Phrase:
-    """Return the answer in one or two sentences."""
+    """Return what the first sentence leaves open: how sure the answer is, what is not testable."""
     verdict = diagnosis.verdict
-    out = [_named(diagnosis)]
-    if verdict.confidence >= 0.0:
-        out.append(phrase("Confidence {} %.", f"{100 * verdict.confidence:.0f}"))
-    if verdict.group_probability >= 0.0:
+    out = _of_named(diagnosis) if verdict.named else [_unnamed(diagnosis)]
+    if verdict.group_probability >= 0.0 and not verdict.named:
         share = f"{100 * verdict.group_probability:.0f}"
         out.append(phrase("Group “{}”: {} %.", phrase(verdict.group), share))
-    if "measurement_error" in verdict.effect.split("+"):
+    if diagnosis.not_testable:
+        out.append(phrase(diagnosis.not_testable))
+    return joined(" ", out)
+
+
+def _of_named(diagnosis: Diagnosis) -> list[Phrase]:
+    """Return what is to be known of a cause that is named."""
+    verdict, by = diagnosis.verdict, diagnosis.shrinkage
+    out = []
+    if "measurement_error" in verdict.named:
         out.append(phrase("It is in the observations, not in the model."))
         out += _scaled(hypothesis_of(diagnosis.which, verdict.effect))
-    if verdict.effect in ("none", "contact_law") and verdict.cannot_exclude:
-        out.append(_unseen(verdict))
-    return joined(" ", out)
+    if by.effect == verdict.effect and by.value is not None and by.value <= 0.0:
+        out.append(phrase("Adding the effect does not close the gap on rocks left out."))
+    elif by.effect == verdict.effect and by.ci95 is not None and by.ci95[0] <= 0.0:
+        text = "It is not certain that adding the effect closes the gap on rocks left out."
+        out.append(phrase(text))
+    return out
 
 
 def _scaled(named: Hypothesis | None) -> list[Phrase]:
@@ -48,28 +58,12 @@ def _scaled(named: Hypothesis | None) -> list[Phrase]:
     return [phrase(said, sensible(scale), interval_text((low, high)))]
 
 
-def _unseen(verdict: Verdict) -> Phrase:
-    """Return causes that the data could not show."""
-    names = effect_names(verdict.cannot_exclude)
-    return phrase("These data cannot show or exclude: {}.", names)
-
-
-def _named(diagnosis: Diagnosis) -> Phrase:
+def _unnamed(diagnosis: Diagnosis) -> Phrase:
     verdict, advice = diagnosis.verdict, diagnosis.advice
     if verdict.effect == "unknown":
         return phrase("These data do not show the cause of the gap.")
     if verdict.effect == "contact_law":
         text = "These data show no other probable cause than {}."
-        return phrase(text, words.effect_phrase(verdict.effect))
-    if verdict.effect != "none":
-        text, by = "The gap is best explained by {}.", diagnosis.shrinkage
-        if by.effect == verdict.effect and by.value is not None and by.value <= 0.0:
-            text = "The observations show {}. Adding it does not close the gap on rocks left out."
-        elif by.effect == verdict.effect and by.ci95 is not None and by.ci95[0] <= 0.0:
-            text = (
-                "The observations show {}. It is not certain that adding it closes the gap on "
-                "rocks left out."
-            )
         return phrase(text, words.effect_phrase(verdict.effect))
     left = phrase("The remaining differences are within chance ({} rocks).", diagnosis.rocks)
     if any(gap.counts and gap.side == "unsafe" for gap in advice.left) or any(
@@ -83,16 +77,19 @@ def _named(diagnosis: Diagnosis) -> Phrase:
         text = "No missing effect is detectable. {}"
     elif advice.recommended == "contact_law":
         text = "After calibration of the contact law no missing effect is detectable. {}"
-    return phrase(text, left)
+    sure = phrase("Confidence {} %.", f"{100 * verdict.confidence:.0f}")
+    return joined(" ", (phrase(text, left), sure))
 
 
 def answer(diagnosis: Diagnosis) -> tuple[ReportAnswer, ...]:
     """Put the result of the diagnosis into sentences."""
     return (
         _why(diagnosis),
-        _confused(diagnosis),
-        _where(diagnosis.where),
-        _how_far(diagnosis.shrinkage, diagnosis.verdict),
+        _ranked(diagnosis),
+        ReportAnswer("What to measure next", (), diagnosis.measure_next),
+        _where("Where the gap lies as configured", diagnosis.where_configured),
+        _where("Where the gap lies after calibration", diagnosis.where),
+        _how_far(diagnosis),
         ReportAnswer("What these data do not identify", (), diagnosis.not_identifiable),
     )
 
@@ -152,27 +149,29 @@ def hypothesis_of(which: Iterable[Hypothesis], effect: str) -> Hypothesis | None
     return next((c for c in which if c.effect == effect), None)
 
 
-def _confused(diagnosis: Diagnosis) -> ReportAnswer:
+def _ranked(diagnosis: Diagnosis) -> ReportAnswer:
+    """Rank the causes by probability, and state what is not separated from the answer."""
     verdict = diagnosis.verdict
-    others = [e for e in verdict.confusion_set if e not in verdict.effect.split("+")]
-    unknown = verdict.effect == "unknown"
-    sentences: list[str]
-    if others:
-        possible = "Still possible: {}." if unknown else "These data do not separate it from: {}."
-        sentences = [phrase(possible, effect_names(others))]
-    elif unknown:
-        sentences = ["These data show no probable cause."]
-    elif verdict.cannot_exclude:
-        sentences = ["These data show no other probable cause."]
-    else:
-        sentences = ["No other tried explanation remains possible."]
-    if verdict.cannot_exclude:
-        sentences.append(_unseen(verdict))
-    if diagnosis.measure_next:
-        sentences.append(
-            "What would separate them:" if others else ("What would increase the confidence:")
+    points = tuple(
+        phrase(
+            "{}: {} %", capital(words.effect_name(name)), f"{100.0 * min(p, words.MOST_SURE):.0f}"
         )
-    return ReportAnswer("Possible confusion", tuple(sentences), diagnosis.measure_next)
+        for name, p in verdict.ranked.items()
+        if p >= words.LISTED
+    )
+    sentences: list[str] = []
+    if others := verdict.rivals:
+        possible = "These data do not separate it from: {}."
+        if verdict.effect == "unknown":
+            possible = "Still possible: {}."
+        sentences.append(phrase(possible, effect_names(others)))
+    elif verdict.effect == "unknown":
+        sentences.append("These data show no probable cause.")
+    elif diagnosis.not_testable:
+        sentences.append("These data show no other probable cause.")
+    else:
+        sentences.append("No other tried explanation remains possible.")
+    return ReportAnswer("Causes, most likely first", tuple(sentences), points)
 
 
 def effect_names(effects: Iterable[str]) -> Phrase:
@@ -204,8 +203,7 @@ def finding_sentence(finding: GapFinding) -> Phrase:
     )
 
 
-def _where(findings: tuple[GapFinding, ...]) -> ReportAnswer:
-    heading = "Where the gap lies"
+def _where(heading: str, findings: tuple[GapFinding, ...]) -> ReportAnswer:
     if not findings:
         return ReportAnswer(heading, ("Nothing could be compared place by place.",))
     sure = [f for f in findings if words.significance(f) == "sure"]
@@ -239,45 +237,54 @@ def _one_per_quantity(findings: Iterable[GapFinding]) -> list[GapFinding]:
     return [found[q] for q in order]
 
 
-def _how_far(shrinkage: Shrinkage, verdict: Verdict) -> ReportAnswer:
-    heading = "How far the gap shrinks"
-    left = phrase(
-        "Energy distance to the observed rocks: {} with the calibrated base model, {} with {}. "
-        "Chance leaves at least {}.",
-        sensible(shrinkage.distance_base),
-        sensible(shrinkage.distance_effect),
-        words.effect_name(shrinkage.effect),
-        sensible(shrinkage.distance_floor),
-    )
-    note = (_sentence(shrinkage.note),) if shrinkage.note else ()
-    if not verdict.named:
-        text = (
-            "No effect was named. The energy distance of the calibrated base model to the "
-            "observed rocks is {}. Chance leaves at least {}."
-        )
-        said = [phrase(text, *map(sensible, (shrinkage.distance_base, shrinkage.distance_floor)))]
-        if shrinkage.ci95 is not None and shrinkage.ci95[0] > 0.0:
+def nothing_changed(diagnosis: Diagnosis) -> bool:
+    """Return whether no effect was added and the configured ground is kept."""
+    return not diagnosis.verdict.named and diagnosis.advice.recommended == "configured"
+
+
+def _how_far(diagnosis: Diagnosis) -> ReportAnswer:
+    heading, shrinkage = "How far the gap shrinks", diagnosis.shrinkage
+    if nothing_changed(diagnosis):
+        return ReportAnswer(heading)
+    said = _of_recommended(diagnosis)
+    effect = words.effect_name(shrinkage.effect)
+    if diagnosis.verdict.named:
+        if shrinkage.value is not None:
             text = (
-                "With {} it is {}. This closes {} of the gap beyond chance{}, on rocks left out. "
-                "Another law of the contact may close as much. This is no proof of a cause."
+                "Adding {} closes {} of the gap that calibration leaves beyond chance{}, on rocks "
+                "left out."
             )
-            said.append(
-                phrase(
-                    text, words.effect_name(shrinkage.effect), sensible(shrinkage.distance_effect),
-                    _share(shrinkage.value or 0.0), _span(shrinkage),
-                )
-            )  # fmt: skip
-        return ReportAnswer(heading, (*said, *(note if verdict.effect == "none" else ())))
-    if shrinkage.value is None:
-        first = phrase("No share is stated, because the gap may be chance.")
-    else:
+            said.append(phrase(text, effect, _share(shrinkage.value), _span(shrinkage)))
+        if shrinkage.note:
+            said.append(_sentence(shrinkage.note))
+    elif shrinkage.ci95 is not None and shrinkage.ci95[0] > 0.0:
         text = (
-            "Adding {} closes {} of the gap beyond chance{}, on rocks left out of the calibration."
+            "With {} it would shrink by another {}{}. Another law of the contact may close as "
+            "much. This is no proof of a cause."
         )
-        first = phrase(
-            text, words.effect_name(shrinkage.effect), _share(shrinkage.value), _span(shrinkage)
-        )
-    return ReportAnswer(heading, (first, left, *note))
+        said.append(phrase(text, effect, _share(shrinkage.value or 0.0), _span(shrinkage)))
+    return ReportAnswer(heading, tuple(said))
+
+
+def _of_recommended(diagnosis: Diagnosis) -> list[Phrase]:
+    """Return what the recommended model closes of the gap of the configured one."""
+    ladder = diagnosis.ladder
+    rung = next((r for r in ladder if r.rung == diagnosis.advice.recommended), None)
+    if rung is None or rung.rung == "configured":
+        return []
+    if words.is_chance(ladder[0], ladder):
+        return [phrase("The gap of the configured model is not distinguishable from chance.")]
+    name = capital(words.rung_name(rung.rung))
+    if rung.share is None or (rung.ci95 is not None and rung.ci95[0] <= 0.0):
+        return [phrase("{} closes nothing for certain of the configured model's gap.", name)]
+    span = phrase("")
+    if rung.ci95 is not None:
+        span = phrase(" (95 % interval {} to {})", *map(_share, rung.ci95))
+    text = "{} closes {} of the configured model's gap{}, on rocks left out."
+    said = [phrase(text, name, _share(rung.share), span)]
+    if words.is_chance(rung, ladder):
+        said.append(phrase("The rest is not distinguishable from chance."))
+    return said
 
 
 def _span(shrinkage: Shrinkage) -> Phrase:

@@ -11,7 +11,13 @@ from matplotlib.figure import Figure
 
 import sassgis
 from sassgis.gap import words
-from sassgis.gap.diagnosis import Advice, Diagnosis, GapFinding, ModelGap
+from sassgis.gap.diagnosis import (
+    Advice,
+    Diagnosis,
+    GapFinding,
+    ModelGap,
+    Rung,
+)
 from sassgis.gap.observations.case import Case
 from sassgis.gap.verdict.verdict import (
     is_stretch,
@@ -23,6 +29,7 @@ from sassgis.gap.verdict.verdict import (
 from sassgis.grid import FloatArray
 from sassgis.report import gap_answer
 from sassgis.report.figures.gap_figures import (
+    GapMap,
     GapStretch,
     gap_distributions_figure,
     gap_hypotheses_figure,
@@ -40,6 +47,8 @@ from sassgis.settings.results import ground_name
 FEW_ROCKS = 20
 #: Findings in the table of the report.
 _ROWS = 40
+#: In place of what is not distinguishable from chance.
+CHANCE = phrase("chance")
 
 
 def report_warnings(case: Case, diagnosis: Diagnosis) -> list[str]:
@@ -52,8 +61,8 @@ def report_warnings(case: Case, diagnosis: Diagnosis) -> list[str]:
             "named."
         )
         out.append(phrase(text, diagnosis.rocks))
-    if verdict.effect not in gap_answer.UNNAMED and len(verdict.confusion_set) > 1:
-        names = gap_answer.effect_names(verdict.confusion_set)
+    if verdict.effect not in gap_answer.UNNAMED and verdict.rivals:
+        names = gap_answer.effect_names((verdict.effect, *verdict.rivals))
         out.append(phrase("These data allow several explanations: {}.", names))
     if diagnosis.effect.stand is not None:
         out.append(
@@ -94,12 +103,21 @@ def headline(findings: Iterable[GapFinding]) -> GapFinding | None:
 
 def map_parts(
     case: Case, diagnosis: Diagnosis
-) -> tuple[list[FloatArray], list[GapStretch], dict[str, GapStretch], GapFinding | None]:
-    """Return fall lines, coloured stretches and stations of the map, and its main finding."""
+) -> tuple[list[FloatArray], dict[str, GapMap], GapFinding | None]:
+    """Return fall lines, the gap of each model along them, and the main finding."""
     end = 1.1 * observed_end(case)
     lines = [line_stretch(case.traces, i, 0.0, end) for i in used_lines(case)]
-    first = headline(diagnosis.where)
-    chosen = _one_per_place(diagnosis.where, first)
+    by_model = {
+        "as configured": diagnosis.where_configured, "calibrated base model": diagnosis.where
+    }  # fmt: skip
+    by_model = {name: found for name, found in by_model.items() if found} or {"": ()}
+    first = headline(finding for found in by_model.values() for finding in found)
+    return lines, {name: _gap_map(case, own, first) for name, own in by_model.items()}, first
+
+
+def _gap_map(case: Case, findings: Iterable[GapFinding], first: GapFinding | None) -> GapMap:
+    """Return stretches and stations with the gap of the main quantity."""
+    chosen = _one_per_place(findings, first)
     stretches = [
         GapStretch(trace, f.gap, words.significance(f) != "open")
         for f in chosen
@@ -113,7 +131,7 @@ def map_parts(
         name: GapStretch(vertices, *gaps.get(name, (math.nan, False)))
         for name, vertices in zip(table.station.tolist(), table.vertices, strict=True)
     }
-    return lines, stretches, stations, first
+    return GapMap(stretches, stations)
 
 
 def _one_per_place(findings: Iterable[GapFinding], first: GapFinding | None) -> list[GapFinding]:
@@ -145,12 +163,12 @@ def gap_figures(case: Case, diagnosis: Diagnosis, folder: Path) -> list[ReportFi
     def add(name: str, title: str, caption: str, figure: Figure) -> None:
         out.append(picture(folder, name, title, caption, figure))
 
-    lines, stretches, stations, first = map_parts(case, diagnosis)
+    lines, maps, first = map_parts(case, diagnosis)
     table = case.observations
     release = np.column_stack([table.rocks.x, table.rocks.y])
     stops = np.column_stack([table.deposits.x, table.deposits.y])
     caption = "No gap lies along the fall lines."
-    if first is not None and any(math.isfinite(s.gap) for s in (*stretches, *stations.values())):
+    if first is not None and any(own.known for own in maps.values()):
         text = (
             "{}. Across the slope: at a station. Along the fall lines: on that stretch. As a rule "
             "the rocks start anew at its top, so that errors above do not count again."
@@ -159,8 +177,7 @@ def gap_figures(case: Case, diagnosis: Diagnosis, folder: Path) -> list[ReportFi
     drawn = gap_map_figure(
         case.grid,
         lines=lines,
-        stretches=stretches,
-        stations=stations,
+        maps=maps,
         release=np.unique(release[np.isfinite(release).all(axis=1)], axis=0),
         stops=stops[np.isfinite(stops).all(axis=1)],
         quantity=first.quantity if first is not None else "",
@@ -171,8 +188,8 @@ def gap_figures(case: Case, diagnosis: Diagnosis, folder: Path) -> list[ReportFi
         add(
             "gap_where",
             "Every comparison",
-            "Observed less predicted by the calibrated base model, by place and phase.",
-            gap_where_figure(diagnosis.where),
+            "Observed less predicted, by place and phase.",
+            gap_where_figure(diagnosis.where, diagnosis.where_configured),
         )
     if diagnosis.comparisons:
         named = verdict.effect if verdict.effect not in gap_answer.UNNAMED else ""
@@ -183,7 +200,7 @@ def gap_figures(case: Case, diagnosis: Diagnosis, folder: Path) -> list[ReportFi
             "does not differ from the base model.",
             gap_distributions_figure(diagnosis.comparisons, effect=named),
         )
-    if diagnosis.ladder:
+    if diagnosis.ladder and not gap_answer.nothing_changed(diagnosis):
         add(
             "gap_ladder",
             "How far the gap shrinks",
@@ -191,14 +208,17 @@ def gap_figures(case: Case, diagnosis: Diagnosis, folder: Path) -> list[ReportFi
             "was fitted without it.",
             gap_ladder_figure(diagnosis.ladder),
         )
-    if diagnosis.which:
+    if diagnosis.which or verdict.ranked:
         add(
             "gap_hypotheses",
-            "Explanations that were tried",
+            "Causes, most likely first",
             "The base model and the most probable causes were calibrated further than the others. "
             "All scores are on held-out rocks.",
             gap_hypotheses_figure(
-                diagnosis.which, verdict=verdict.effect, confusion=verdict.confusion_set
+                diagnosis.which,
+                probabilities=verdict.ranked,
+                verdict=verdict.effect,
+                rivals=verdict.rivals,
             ),
         )
     return out
@@ -209,8 +229,9 @@ def gap_tables(case: Case, diagnosis: Diagnosis) -> list[ReportTable]:
     named = gap_answer.hypothesis_of(diagnosis.which, diagnosis.verdict.effect)
     parameters = {} if named is None else named.parameters
     return [
-        _where_table(diagnosis.where),
-        _which_table(diagnosis),
+        _causes_table(diagnosis),
+        _where_table("Where the gap lies as configured", diagnosis.where_configured),
+        _where_table("Where the gap lies after calibration", diagnosis.where),
         table_of(
             "Calibrated models",
             "effect; form; score; gain; 95 % interval",
@@ -240,31 +261,7 @@ def gap_tables(case: Case, diagnosis: Diagnosis) -> list[ReportTable]:
             ),
             "Units are part of the names.",
         ),
-        table_of(
-            "From the configured model to chance",
-            "model; energy distance; closes of the gap | %; 95 % interval | %; added to; "
-            "gain over it; 95 % interval of it",
-            (
-                (
-                    words.rung_name(r.rung),
-                    r.distance,
-                    _closed(r.share),
-                    _interval_cell(
-                        r.ci95
-                        and (words.closed_percent(r.ci95[0]), words.closed_percent(r.ci95[1])),
-                        2,
-                    ),
-                    words.rung_name(r.over) if r.over else "–",
-                    r.gain,
-                    _interval_cell(r.gain_ci95, 2),
-                )
-                for r in diagnosis.ladder
-            ),
-            "Each rock is compared with a model that was drawn, chosen and fitted without it. "
-            "Closes: share of the gap of the configured model beyond chance. A dash: that gap may "
-            "be chance. Gain: distance of the model that it is added to, less its own; a model "
-            "whose interval holds zero is not recommended.",
-        ),
+        _ladder_table(diagnosis.ladder),
         _gaps_table(diagnosis.advice),
         _shrinkage_table(diagnosis),
         _ground_table(case.table, diagnosis.effect.table),
@@ -274,6 +271,39 @@ def gap_tables(case: Case, diagnosis: Diagnosis) -> list[ReportTable]:
             ((name, int(n)) for name, n in diagnosis.tables.items()),
         ),
     ]
+
+
+def _ladder_table(ladder: tuple[Rung, ...]) -> ReportTable:
+    return table_of(
+        "From the configured model to chance",
+        "model; energy distance; closes of the gap | %; 95 % interval | %; added to; gain over it; "
+        "95 % interval of it",
+        (
+            (
+                words.rung_name(r.rung),
+                CHANCE if words.is_chance(r, ladder) else r.distance,
+                _unless_chance(_closed(r.share), r.ci95),
+                _interval_cell(
+                    r.ci95 and (words.closed_percent(r.ci95[0]), words.closed_percent(r.ci95[1])),
+                    2,
+                ),
+                words.rung_name(r.over) if r.over else "–",
+                _unless_chance(r.gain, r.gain_ci95),
+                _interval_cell(r.gain_ci95, 2),
+            )
+            for r in ladder[:-1]
+        ),
+        "Each rock is compared with a model that was drawn, chosen and fitted without it. "
+        "Distance: unbiased, zero in the mean where only chance is left; “chance”: not "
+        "distinguishable from it. Closes: share of the gap of the configured model beyond chance. "
+        "A dash: that gap may be chance. Gain: distance of the model that it is added to, less its "
+        "own; a model whose interval holds zero is not recommended.",
+    )
+
+
+def _unless_chance(value: float | None, span: tuple[float, float] | None) -> Cell:
+    """Return a number whose interval clears zero from below; else that it may be chance."""
+    return CHANCE if span is not None and span[0] <= 0.0 else value
 
 
 def _quantity(gap: GapFinding | ModelGap) -> str:
@@ -324,7 +354,7 @@ def _interval_cell(span: tuple[float, float] | None, digits: int = 3) -> str:
     return "–" if span is None else gap_answer.interval_text(span, digits)
 
 
-def _where_table(findings: tuple[GapFinding, ...]) -> ReportTable:
+def _where_table(title: str, findings: tuple[GapFinding, ...]) -> ReportTable:
     note = phrase(
         "Gap: observed less predicted, mean over rocks. Interval: rocks resampled. p: chance that "
         "the largest of all these gaps would be as large without any. q: share of false findings "
@@ -335,7 +365,7 @@ def _where_table(findings: tuple[GapFinding, ...]) -> ReportTable:
         more = phrase("The {} most certain of {}; all are in diagnosis.json.", _ROWS, len(findings))
         note = joined(" ", (note, more))
     return table_of(
-        "Where the gap lies",
+        title,
         "place; phase; quantity; observed; predicted; gap | 95 % interval; p; q; rocks; test",
         (
             (
@@ -350,44 +380,63 @@ def _where_table(findings: tuple[GapFinding, ...]) -> ReportTable:
     )  # fmt: skip
 
 
-def _which_table(diagnosis: Diagnosis) -> ReportTable:
+def _causes_table(diagnosis: Diagnosis) -> ReportTable:
     verdict = diagnosis.verdict
-    separated = dict.fromkeys(verdict.cannot_exclude, "cannot be seen")
-    separated |= dict.fromkeys(verdict.confusion_set, "no")
+    separated = dict.fromkeys(verdict.rivals, "no")
     separated[verdict.effect] = "the answer"
+    gains = {gain.effect: gain for gain in diagnosis.gains}
     return table_of(
-        "Causes",
-        "cause; closes of what the base leaves | %; sureness; would be seen | %; "
-        "probability | %; separated from the answer",
+        "Causes, most likely first",
+        "cause; probability | %; separated from the answer; closes of what "
+        "the base leaves | %; sureness; would be seen | %",
         (
             (
-                words.effect_name(g.effect), 100.0 * g.share, g.sureness, 100.0 * g.power,
-                None if (p := verdict.probabilities.get(g.effect)) is None else 100.0 * p,
-                separated.get(g.effect, "yes"),
+                words.effect_name(name),
+                100.0 * min(p, words.MOST_SURE),
+                separated.get(name, "yes"),
+                *((100.0 * g.share, g.sureness, 100.0 * g.power) if (g := gains.get(name))
+                  else (None, None, None)),
             )
-            for g in diagnosis.gains
+            for name, p in verdict.ranked.items()
         ),
-        "Of the base with a free contact, in the numbers that sum up all rocks (means, scatters, "
-        "trends with the size), the ground calibrated anew. Sureness: standard errors beyond what "
-        "chance makes of the base. Would be seen: share of strong draws of the cause that these "
-        "data would show.",
+        "Closes: of the base with a free contact, in the numbers that sum up all rocks (means, "
+        "scatters, trends with the size), the ground calibrated anew. Sureness: standard errors "
+        "beyond what chance makes of the base. Would be seen: share of strong draws of the cause "
+        "that these data would show.",
     )  # fmt: skip
+
+
+def _distance(value: float | None, floor: float | None, chance: bool = False) -> Cell:
+    """Return a distance, or that it is not distinguishable from chance."""
+    if value is None or math.isnan(value):
+        return None
+    return CHANCE if chance or value <= max(floor or 0.0, 0.0) else value
 
 
 def _shrinkage_table(diagnosis: Diagnosis) -> ReportTable:
     s = diagnosis.shrinkage
+    added = s.effect not in gap_answer.UNNAMED
     rows: list[tuple[Cell, ...]] = [
-        (words.quantity_name(quantity), *map(v.get, ("base", "effect", "floor")),
-         _closed(v.get("shrinkage")))
+        (
+            words.quantity_name(quantity),
+            _distance(v.get("base"), v.get("floor"), v.get("shrinkage") is None),
+            _distance(v.get("effect"), v.get("floor")),
+            _closed(v.get("shrinkage")),
+        )
         for quantity, v in s.by_quantity.items()
-    ]  # fmt: skip
-    together = (s.distance_base, s.distance_effect, s.distance_floor, _closed(s.value))
+    ]
+    enough = s.ci95 is not None and s.ci95[1] >= 1.0
+    together = (
+        _distance(s.distance_base, s.distance_floor, s.value is None),
+        _distance(s.distance_effect, s.distance_floor, enough),
+        _unless_chance(_closed(s.value), s.ci95),
+    )
     return table_of(
-        "How far the gap shrinks",
-        "quantity; base model | energy distance; with the effect; chance alone; shrinks by | %",
-        (*rows, ("all together", *together)),
-        "On held-out rocks. Shrinks by: (base − effect) / (base − chance); a dash "
-        "where the base model is not certainly worse than chance.",
+        phrase("How far the gap shrinks with {}", words.effect_name(s.effect)),
+        "quantity; base model | energy distance; with the effect; shrinks by | %",
+        (*rows, ("all together", *together)) if added else (),
+        "On held-out rocks. Shrinks by: (base − effect) / (base − chance). “chance”: not "
+        "distinguishable from it; a dash where that holds for the base model.",
     )
 
 

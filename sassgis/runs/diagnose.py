@@ -12,7 +12,12 @@ import numpy as np
 
 from sassgis.errors import InputError, Interrupted
 from sassgis.files.atomic_output import output_if_asked, write_text
-from sassgis.gap.advice.measure_next import separations, tables_to_add, what_is_identifiable
+from sassgis.gap.advice.measure_next import (
+    not_testable,
+    separations,
+    tables_to_add,
+    what_is_identifiable,
+)
 from sassgis.gap.advice.recommendation import (
     first_sentence,
     model_gaps,
@@ -54,6 +59,7 @@ from sassgis.gap.fit.site_data import SiteData, site_data_of
 from sassgis.gap.forward.observation_operator import share_left
 from sassgis.gap.forward.released_rocks import HypothesisModel, model_as_json
 from sassgis.gap.observations.case import Case
+from sassgis.gap.residuals.residual_table import residuals_with
 from sassgis.gap.verdict.evidence import (
     AddedCauses,
     configured_as_observed,
@@ -62,6 +68,7 @@ from sassgis.gap.verdict.evidence import (
     verdict_of,
 )
 from sassgis.gap.verdict.model_comparison import CONFIGURED, GROUND
+from sassgis.gap.verdict.verdict import where
 from sassgis.grid import FloatArray
 from sassgis.inputs.observation_files import AnyObservations
 from sassgis.inputs.observation_values import cause_weights_of, read_thresholds, thresholds_of
@@ -219,6 +226,7 @@ def _diagnosis(added: AddedCauses, chosen: Mapping[str, Any], fingerprint: str) 
     beyond = ladder.gain(GROUND, CONTACT_LAW)
     if not law and recommended == GROUND and beyond is not None and beyond.low > 0.0:
         why = why or _NOT_THE_LAW
+    rungs = ladder.rungs(CONFIGURED, GROUND, CONTACT_LAW, *steps)
     # Of the configured ground nothing was calibrated.
     fit = None if recommended == CONFIGURED else added.fit(recommended)
     handed = as_configured if fit is None else fit.handed_over.draw.model
@@ -232,9 +240,10 @@ def _diagnosis(added: AddedCauses, chosen: Mapping[str, Any], fingerprint: str) 
         ground_range=case.ground_range,
         settings=() if fit is None else settings_of(case, fit, intervals[fit.effect]),
         trade_offs=tuple((t.one, t.other, t.correlation) for t in fit.trade_offs) if fit else (),
-        compared=before, left=left, recommended=recommended, short=shortfall(left), why=why,
+        compared=before, left=left, recommended=recommended, short=shortfall(left),
+        why=why,
     )  # fmt: skip
-    rungs = ladder.rungs(CONFIGURED, GROUND, CONTACT_LAW, *steps)
+    configured_case, residuals = residuals_with(case, as_configured, seed=problem.seed)
     gains = sorted(evidence.gains.values(), key=lambda gain: -gain.sureness)
     excess = max((gain.excess for gain in gains), default=1.0)
     return Diagnosis(
@@ -247,7 +256,10 @@ def _diagnosis(added: AddedCauses, chosen: Mapping[str, Any], fingerprint: str) 
         not_identifiable=what_is_identifiable(case.observations).not_identifiable,
         measure_next=_measure_next(added, verdict),
         comparisons=_comparisons(
-            problem, made.rows(added.base), added.rows(named) if named else None
+            problem,
+            made.rows(added.base),
+            added.rows(named) if named else None,
+            added.configured_rows,
         ),
         base=made.model(added.base).model,
         effect=handed,
@@ -266,7 +278,9 @@ def _diagnosis(added: AddedCauses, chosen: Mapping[str, Any], fingerprint: str) 
         ladder=rungs,
         law=evidence.law,
         advice=advice,
-        first_sentence=first_sentence(advice, rungs, verdict.effect),
+        first_sentence=first_sentence(advice, rungs, verdict),
+        not_testable=not_testable(case.observations, verdict.cannot_exclude),
+        where_configured=where(configured_case, residuals, seed=problem.seed),
     )
 
 
@@ -277,14 +291,14 @@ def _measure_next(added: AddedCauses, verdict: Verdict) -> tuple[str, ...]:
     unknown = verdict.effect == UNKNOWN
     # A single cause is distinguished from none.
     named = [verdict.effect] if parts else []
-    possible = dict.fromkeys([*named, *verdict.confusion_set, *[NONE] * unknown])
+    answer = verdict.effect.split("+")
+    possible = dict.fromkeys([*named, *answer, *verdict.rivals, *[NONE] * unknown])
     problem, models = added.made.problem, {}
     for cause in possible:
         if cause not in parts and (own := _models_of(added, cause)):
             models[added.base if cause == NONE else cause] = own
     found = separations(problem.case, problem.rock_lines, models, problem.seed)
-    # Where no cause is named, one that these data cannot show may be seen in other tables.
-    more = () if verdict.named else (*possible, *verdict.cannot_exclude)
+    more = () if verdict.named else verdict.rivals
     return (*(one.sentence for one in found), *tables_to_add(problem.case, more))
 
 
@@ -342,9 +356,9 @@ _SHOWN = {
 
 
 def _comparisons(
-    problem: SiteData, base: FloatArray, effect: FloatArray | None
+    problem: SiteData, base: FloatArray, effect: FloatArray | None, configured: FloatArray
 ) -> tuple[Comparison, ...]:
-    """Return distributions of every scored quantity: observed, calibrated base, and effect."""
+    """Return distributions of every scored quantity: observed rocks, and those of the models."""
     out = []
     for i, name in enumerate(problem.scale.names):
         place, _, what = name.partition(":")
@@ -352,7 +366,7 @@ def _comparisons(
         shown = problem.case.station_names[int(place[1:])] if place.startswith("S") else place
         given = (
             np.empty(0) if rows is None else values_of(problem.scale, rows, i)
-            for rows in (problem.rows, base, effect)
+            for rows in (problem.rows, base, effect, configured)
         )
         values = (tuple(np.round(v[np.isfinite(v)], 4).tolist()) for v in given)
         out.append(Comparison(shown, quantity, unit, *values))

@@ -291,6 +291,55 @@ def test_only_the_rocks_to_fit_on_are_fitted(
     assert len({config for config, _ in scored}) == 3
 
 
+def test_the_case_at_tschamut_has_the_former_values(written: Callable[[str], Any]) -> None:
+    case = written("tschamut2014")
+    read = read_case(case.config, case.observations["all"])
+    own = read.table.classes[read.table.index("soft_meadow")]
+    assert (own.mu_v, own.restitution, own.mu_0, own.rolling_threshold) == (0.0, 0.5, 0.31, 1.0)
+    engine = read.engine.resolved()
+    assert (engine.outline_edges, engine.outline_share, engine.drift_deg) == (0.0, 1.0, 4.0)
+
+
+def test_a_step_is_fitted_to_one_half_and_keeps_only_friction_to_itself(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    import field_cases.added_steps as module
+
+    asked = []
+
+    def fitted(problem: Any, ground: str, names: Any, held: Any) -> dict[str, float]:
+        asked.append((problem, ground, set(names)))
+        return {**held, **dict.fromkeys(names, float(len(asked)))}
+
+    monkeypatch.setattr(module, "fitted", fitted)
+    meadow, slope = (
+        module.Halves(ground, f"fit {ground}", "scored") for ground in ("meadow", "slope")
+    )
+    here, there = module.fit_step(meadow, slope, "resistance")
+    assert asked == [
+        ("fit meadow", "meadow", {"mu_0", "mu_f", "mu_v"}), ("fit slope", "slope", {"mu_0", "mu_f"})
+    ]  # fmt: skip
+    assert here == {"mu_0": 1.0, "mu_f": 1.0, "mu_v": 1.0}
+    assert there == {"mu_0": 2.0, "mu_f": 2.0, "mu_v": 1.0}
+
+
+def test_errors_of_quantiles_are_those_put_in() -> None:
+    from field_cases.added_steps import errors
+
+    rng = np.random.default_rng(5)
+    seen = rng.gamma(20.0, 0.5, 60)
+    seen[:6] = np.nan
+    made = 1.3 * rng.gamma(20.0, 0.5, (30, 60))
+    found = errors(seen, made, 3)
+    assert found["rocks"] == 54
+    for k, share in enumerate((0.1, 0.5, 0.9)):
+        known = np.nanquantile(made, share) / np.nanquantile(seen, share) - 1.0
+        assert found["error"][k] == pytest.approx(known, abs=1e-9)
+        low, high = found["ci95"][k]
+        assert low < 0.3 < high and high - low < 0.3
+    assert errors(seen, seen[None], 3)["ci95"] == pytest.approx(np.zeros((3, 2)))
+
+
 def test_rocks_left_out_are_scored_with_the_configuration_that_is_handed_over(
     written: Callable[[str], Any], tmp_path: Path
 ) -> None:
@@ -306,7 +355,7 @@ def test_rocks_left_out_are_scored_with_the_configuration_that_is_handed_over(
         f"name,{','.join(names)},source,trust\n"
         f"soft_meadow,{','.join(str(v) for v in values.values())},test,estimate\n"
     )
-    text = case.config.read_text().replace("[ground]", '[ground]\nclasses = "classes.csv"')
+    text = case.config.read_text().replace("former_classes.csv", "classes.csv")
     for file in ("dem.tif", "release.gpkg"):
         text = text.replace(f'"{file}"', f'"{folder / file}"')
     (tmp_path / "config.toml").write_text(text)
@@ -322,7 +371,7 @@ def test_pages_hold_the_tables_of_the_results(repository: Path) -> None:
     folder = repository / "docs" / "studies"
     module = load(folder / "gap_tables.py")
     seen = set()
-    for page in folder.glob("gap_*.md"):
+    for page in module.PAGES:
         text = page.read_text(encoding="utf-8")
         seen |= set(re.findall(r"<!-- gap: (.+?) -->", text))
         assert module.filled(text) == text, f"{page.name}: run python docs/studies/gap_tables.py"

@@ -37,7 +37,7 @@ from sassgis.errors import ConfigError, InputError, OutputError
 from sassgis.files.atomic_output import check_output
 from sassgis.gap.causes.all_causes import FAMILIES
 from sassgis.gap.causes.cause import ParameterDraws
-from sassgis.gap.diagnosis import Diagnosis, Hypothesis
+from sassgis.gap.diagnosis import Comparison, Diagnosis, Hypothesis, Rung
 from sassgis.gap.fit.hypothesis_fit import draw
 from sassgis.gap.forward.observation_operator import campaigns
 from sassgis.gap.forward.released_rocks import HypothesisModel, configured_model, in_plane
@@ -57,7 +57,8 @@ from sassgis.outputs.gap_files import write_config_back, write_diagnosis_json, w
 from sassgis.outputs.layers.gap_map import stand_polygon
 from sassgis.report import gap_report
 from sassgis.report.figures import gap_figures as figures
-from sassgis.report.figures.gap_figures import GapStretch, _band
+from sassgis.report.figures.gap_figures import GapMap, GapStretch, _band
+from sassgis.report.figures.style import GREY
 from sassgis.report.gap_answer import answer, finding_sentence, verdict_sentence
 from sassgis.report.gap_report import headline, map_parts, report_warnings
 from sassgis.report.page import translated_report, write_report
@@ -162,17 +163,53 @@ def test_equal_diagnoses_give_equal_files(made: Made, written: Path, tmp_path: P
 
 def test_what_is_seen_and_closes_nothing_is_said_so(made: Made) -> None:
     diagnosis = with_trees(made[1])
-    assert "is best explained by trees" in verdict_sentence(diagnosis)
+    assert verdict_sentence(diagnosis) == ""
     nothing = replace(diagnosis.shrinkage, value=-0.1)
     said = verdict_sentence(replace(diagnosis, shrinkage=nothing))
-    assert "passing rocks. Adding it does not close the gap on rocks left out." in said
+    assert said == "Adding the effect does not close the gap on rocks left out."
     unsure = replace(diagnosis.shrinkage, value=0.1, ci95=(-0.1, 0.3))
     said = verdict_sentence(replace(diagnosis, shrinkage=unsure))
-    assert "It is not certain that adding it closes the gap" in said
+    assert said.startswith("It is not certain that adding the effect closes the gap")
     # What another cause closes, as a bound, says nothing of what is named.
     other = replace(nothing, effect="air_drag")
-    said = verdict_sentence(replace(diagnosis, shrinkage=other))
-    assert "is best explained by trees" in said
+    assert verdict_sentence(replace(diagnosis, shrinkage=other)) == ""
+
+
+def test_how_far_it_shrinks_is_left_out_where_nothing_was_added(few: Made, tmp_path: Path) -> None:
+    heading = "How far the gap shrinks"
+    calibrated_only = unnamed(few[1], "none")
+    kept = replace(
+        calibrated_only, advice=replace(calibrated_only.advice, recommended="configured")
+    )
+    pages = [
+        outputs(few, own, tmp_path / name)
+        for name, own in (("changed", calibrated_only), ("kept", kept))
+    ]
+    shown = [heading in words_of(page / "report.html") for page in pages]
+    drawn = [(page / "figures" / "gap_ladder.png").is_file() for page in pages]
+    assert shown == drawn == [True, False]
+
+
+def test_no_text_has_a_negative_distance_or_closes_more_than_all(few: Made, tmp_path: Path) -> None:
+    made = with_trees(few[1])
+    shrinkage = replace(
+        made.shrinkage, value=1.18, ci95=(0.9, 1.31), distance_effect=-0.0713,
+        distance_floor=-0.0011,
+        by_quantity={"runout": {"base": 0.3, "effect": -0.0713, "floor": -0.0011,
+                                "shrinkage": 1.18}},
+    )  # fmt: skip
+    ladder = (*made.ladder[:3], Rung("trees", -0.0713, 1.18, (0.9, 1.31)), Rung("floor", -0.0011))
+    out = outputs(few, replace(made, shrinkage=shrinkage, ladder=ladder), tmp_path / "out")
+    words = words_of(out / "report.html")
+    assert re.findall(r"\b(?:118|131) %|[−-]0\.07|[−-]0\.001", words) == []
+    assert "trees chance 100" in words and "run-out 0.3 chance 100" in words
+    said = texts(figures.gap_ladder_figure(ladder))
+    assert "closes 100 % (90 to 100); not distinguishable from chance" in said
+    lengths = [
+        find(figures.gap_ladder_figure(ladder), f"rung-{r.rung}")[0].get_width()
+        for r in ladder[:-1]
+    ]
+    assert lengths == [1.6, 1.0, 0.9, 0.0]
 
 
 @pytest.mark.parametrize("effect", ["none", "unknown"])
@@ -188,7 +225,9 @@ def test_nothing_named_is_written_too(few: Made, tmp_path: Path, effect: str) ->
 
 def test_stops_alone_are_enough(stops_only: Made, tmp_path: Path) -> None:
     longer = finding("all", "stopping", "runout_m", -21.0)
-    diagnosis = replace(with_trees(stops_only[1]), where=(longer,), which=())
+    made = with_trees(stops_only[1])
+    verdict = replace(made.verdict, probabilities={})
+    diagnosis = replace(made, verdict=verdict, where=(longer,), which=())
     out = outputs(stops_only, diagnosis, tmp_path / "out")
     assert not (out / "figures" / "gap_hypotheses.png").exists()
     assert len(gpd.read_file(out / "gap.gpkg", layer="stations")) == 0
@@ -509,7 +548,7 @@ def test_what_is_named_and_not_recommended_is_said_apart(made: Made, tmp_path: P
     )
     assert "effects" not in tomllib.loads(text) and why[1:] in text
     words = words_of(out / "report.html")
-    assert "Confidence 71 %" in words and "The calibrated model contains calibrated ground" in words
+    assert "Trees: 71 %" in words and "The calibrated model contains calibrated ground" in words
 
 
 # --- words -----------------------------------------------------------------------------------
@@ -558,14 +597,15 @@ def test_significance_has_two_levels() -> None:
 def test_the_answer_comes_first_with_its_uncertainty(written: Path) -> None:
     words = words_of(written / "report.html")
     told = (
-        "As configured: simulated blocks stop 21 m too far.",
-        "The gap is best explained by trees that take energy from passing rocks.",
-        "Confidence 71 %.",
+        "In the run-out simulated blocks stop 12 % too far.",
         "These data do not separate it from: soft ground.",
+        "Trees: 71 % Soft ground: 19 % Unknown or not testable with these data: 9 %",
         "Speeds of rocks of different mass in the stand.",
+        "Where the gap lies as configured",
         "3 of 11 comparisons are significant after adjustment for their number",
         "Speed at S2",
-        "closes 74 % of the gap beyond chance (95 % interval 60 % to 85 %)",
+        "Where the gap lies after calibration",
+        "closes 74 % of the gap that calibration leaves beyond chance (95 % interval 60 % to 85 %)",
         "No turns in plan",
         "Figure 2.",
         "Table 1.",
@@ -579,10 +619,10 @@ def test_the_answer_comes_first_with_its_uncertainty(written: Path) -> None:
 @pytest.mark.parametrize(
     ("language", "words"),
     [
-        ("de", ("Die Abweichung wird am besten erklärt durch Bäume", "Wo die Abweichung liegt",
+        ("de", ("Bäume: 71 %", "Wo die Abweichung liegt, wie konfiguriert",
                 "Geschwindigkeit bei S2: beobachtet", "Kalibrierte Modelle", "Ausbruch-S1"),
         ),
-        ("fr", ("L'écart s'explique le mieux par ceci: des arbres", "Où se situe l'écart",
+        ("fr", ("Arbres: 71 %", "Où se situe l'écart selon la configuration",
                 "Vitesse à S2: observé", "Modèles calibrés", "départ-S1"),
         ),
     ],
@@ -645,7 +685,7 @@ def test_what_is_possible_beside_an_unknown_cause_is_told(few_case: Case) -> Non
         (("unknown",), ("air_drag",), "These data show no probable cause."),
     ):
         verdict = replace(made.verdict, confusion_set=held, cannot_exclude=hidden)
-        said = part(replace(made, verdict=verdict), "Possible confusion").sentences
+        said = part(replace(made, verdict=verdict), "Causes, most likely first").sentences
         assert said[0] == words and "remains possible" not in " ".join(said)
 
 
@@ -653,13 +693,12 @@ def test_withheld_shrinkage_is_told(case: Case) -> None:
     diagnosis = with_trees(case)
     withheld = replace(diagnosis.shrinkage, value=None, ci95=None, note="the gap is small")
     own = replace(diagnosis, shrinkage=withheld)
-    text = " ".join(part(own, "How far the gap shrinks").sentences)
-    assert "No share is stated" in text and "1 with the calibrated base model" in text
-    assert "%" not in text and text.endswith("The gap is small.")
+    *before, last = part(own, "How far the gap shrinks").sentences
+    assert last == "The gap is small." and not any("that calibration leaves" in s for s in before)
 
 
 def test_no_place_is_named_where_none_is_sure(few_case: Case) -> None:
-    where = part(unnamed(few_case, "none"), "Where the gap lies")
+    where = part(unnamed(few_case, "none"), "Where the gap lies after calibration")
     assert "cannot be located" in where.sentences[0] and not where.points
 
 
@@ -685,7 +724,9 @@ def test_the_map_shows_what_matters_most_of_what_is_sure() -> None:
 def test_one_sentence_for_each_quantity(few_case: Case) -> None:
     many = tuple(finding(p, "flight", "speed_mps", -2.0) for p in ("S1", "S2", "S1-S2"))
     many += (finding("S1", "flight", "height_m", 0.3, p_adjusted=0.0005),)
-    points = part(replace(with_trees(few_case), where=many), "Where the gap lies").points
+    points = part(
+        replace(with_trees(few_case), where=many), "Where the gap lies after calibration"
+    ).points
     assert [p.split(":")[0] for p in points] == ["Speed at S1", "Passing height at S1"]
     assert "p < 0.001" in points[1]
 
@@ -698,6 +739,10 @@ def test_dots_are_filled_by_significance() -> None:
     assert [len(find(figure, f"gap-{s}")) for s in ("sure", "likely", "open")] == [3, 2, 6]
     words = texts(figure)
     assert "speed (m/s)" in words and "S2-end · stopping" in words and "38" in words
+    assert not find(figure, "configured-sure") and "the configured model" not in words
+    both = figures.gap_where_figure(FINDINGS, [replace(FINDINGS[0], gap=-4.0)])
+    (before,) = find(both, "configured-sure")
+    assert before.get_xdata() == [-4.0] and "the configured model" in texts(both)
 
 
 def test_many_comparisons_are_cut_and_the_figure_says_so() -> None:
@@ -720,8 +765,18 @@ def test_few_rocks_are_steps(few_case: Case) -> None:
     assert line.get_drawstyle() == "steps-post"
     (dots,) = find(figure, "observed-values")
     assert len(dots.get_xdata()) == 15
-    assert len(find(figure, "effect")) == 1
+    assert len(find(figure, "effect")) == len(find(figure, "configured")) == 1
     assert "n = 15" in texts(figure)
+
+
+def test_a_distance_that_samples_of_the_model_have_too_is_called_chance() -> None:
+    rng = np.random.default_rng(3)
+    seen, alike, far = (tuple(rng.normal(m, 1.0, n)) for m, n in ((0, 30), (0, 600), (2, 600)))
+    figure = figures.gap_distributions_figure([Comparison("S1", "speed_mps", "m/s", seen, alike)])
+    assert "D: chance" in texts(figure)
+    own = Comparison("S1", "speed_mps", "m/s", seen, alike, (), far)
+    (text,) = find(figures.gap_distributions_figure([own]), "distance")
+    assert re.match(r"D: \d\.\d+ → chance\n", text.get_text())
 
 
 def test_the_band_holds_samples_of_the_base_model() -> None:
@@ -737,69 +792,88 @@ def test_the_band_holds_samples_of_the_base_model() -> None:
 
 def test_what_was_not_observed_or_not_named_is_not_drawn(few_case: Case) -> None:
     figure = figures.gap_distributions_figure(unnamed(few_case, "none").comparisons)
-    assert not find(figure, "effect") and "→" not in texts(figure)
+    assert not find(figure, "effect") and "with the effect" not in texts(figure)
     comparison = replace(with_trees(few_case).comparisons[0], observed=(math.nan,))
     assert "not observed" in texts(figures.gap_distributions_figure([comparison]))
     lone = Hypothesis("none", "", 1.0, 0.0, (math.nan, math.nan), math.nan)
-    figure = figures.gap_hypotheses_figure([lone], verdict="none")
+    figure = figures.gap_hypotheses_figure([lone], probabilities={}, verdict="none")
     assert not find(figure, "interval") and len(find(figure, "gain")) == 1
 
 
 def test_hypotheses_show_what_is_confused(case: Case) -> None:
     diagnosis = with_trees(case)
+    shares = diagnosis.verdict.probabilities
     figure = figures.gap_hypotheses_figure(
-        diagnosis.which, verdict="trees", confusion=("trees", "soft_ground")
+        diagnosis.which, probabilities=shares, verdict="trees", rivals=("soft_ground",)
     )
     (named,) = find(figure, "share-trees")
     (confused,) = find(figure, "share-soft_ground")
-    (other,) = find(figure, "share-roughness")
+    (other,) = find(figure, "share-unknown")
     colours = {b.get_facecolor() for b in (named, confused, other)}
     assert len(colours) == 3
     assert named.get_width() == 0.71
     assert "71 %" in texts(figure) and "< 1 %" in texts(figure)
+    # Where nothing is named there is no colour.
+    grey = figures.gap_hypotheses_figure(
+        diagnosis.which, probabilities=shares, verdict="unknown", rivals=("trees",)
+    )
+    assert {b.get_facecolor() for b in find(grey, "share-trees")} == {other.get_facecolor()}
+    assert {d.get_color() for d in find(grey, "gain")} == {GREY}
 
 
 def test_names_of_two_causes_lie_on_the_page() -> None:
     form = "sphericity + shifted contact + offset and speed"
     pair = Hypothesis("measurement_error+release_error", form, 1.0, 0.6, (0.4, 0.9), 0.9)
-    figure = figures.gap_hypotheses_figure([pair], verdict=pair.effect)
+    figure = figures.gap_hypotheses_figure([pair], probabilities={}, verdict=pair.effect)
     figure.canvas.draw()
     (name,) = figure.axes[0].get_yticklabels()
     assert "error" in name.get_text() and form in " ".join(name.get_text().split())
     assert name.get_window_extent().x0 > 0.0
 
 
-def map_figure(grid: Grid, lines: Any, stretches: Any, stations: Any, *of: str) -> Any:
+def map_figure(grid: Grid, lines: Any, maps: Any, *of: str) -> Any:
     quantity, unit = of or ("speed_mps", "m/s")
     return figures.gap_map_figure(
-        grid, lines=lines, stretches=stretches, stations=stations, release=np.empty((0, 2)),
-        stops=np.empty((0, 2)), quantity=quantity, unit=unit,
+        grid, lines=lines, maps=maps, release=np.empty((0, 2)), stops=np.empty((0, 2)),
+        quantity=quantity, unit=unit,
     )  # fmt: skip
 
 
 def test_map_colours_lie_about_zero(case: Case) -> None:
-    lines, stretches, stations, first = map_parts(case, with_trees(case))
-    assert first is FINDINGS[0]
+    lines, maps, first = map_parts(case, with_trees(case))
+    assert first is not None and first.quantity == "speed_mps"
     assert len(lines) == 40
-    assert {s.gap for s in stretches} == {-1.6, 0.1, 0.9}
-    assert {name: s.gap for name, s in stations.items()} == {"S1": -0.2, "S2": -2.1}
-    assert [stations[n].sure for n in ("S1", "S2")] == [False, True]
-    figure = map_figure(case.grid, lines, stretches, stations)
-    assert len(find(figure, "gaps")) == 2
+    assert list(maps) == ["as configured", "calibrated base model"]
+    own = maps["calibrated base model"]
+    assert {s.gap for s in own.stretches} == {-1.6, 0.1, 0.9}
+    assert {name: s.gap for name, s in own.stations.items()} == {"S1": -0.2, "S2": -2.1}
+    assert [own.stations[n].sure for n in ("S1", "S2")] == [False, True]
+    assert maps["as configured"].stations["S2"].gap == -4.2
+    figure = map_figure(case.grid, lines, maps)
+    assert len(find(figure, "gaps")) == 4
     bar = next(a for a in figure.axes if a.get_label() == "legend")
     low, high = bar.get_ylim()
-    assert -low == high == pytest.approx(2.1)
+    assert -low == high == pytest.approx(4.2)
 
 
-def test_map_without_a_gap_has_no_colours(case: Case) -> None:
-    lines, stretches, stations, first = map_parts(case, replace(with_trees(case), where=()))
-    assert first is None and not stretches
-    figure = map_figure(case.grid, lines, stretches, stations, "", "")
+def test_map_without_a_significant_gap_has_no_colours(case: Case) -> None:
+    made = with_trees(case)
+    lines, maps, first = map_parts(case, replace(made, where=(), where_configured=()))
+    assert first is None and [own.stretches for own in maps.values()] == [[]]
+    figure = map_figure(case.grid, lines, maps, "", "")
     assert "Colour:" not in texts(figure)
+    assert [a.get_label() for a in figure.axes] == ["map"]
+    quiet = tuple(replace(f, p_adjusted=0.7, q_value=0.5) for f in FINDINGS)
+    lines, maps, _ = map_parts(case, replace(made, where=quiet, where_configured=()))
+    figure = map_figure(case.grid, lines, maps)
+    assert "Colour:" not in texts(figure) and "not distinguishable from chance" in texts(figure)
+    shades = np.concatenate([own.get_colors()[:, :3] for own in find(figure, "gaps")])
+    assert np.ptp(shades, axis=1).max() == 0.0
     assert [a.get_label() for a in figure.axes] == ["map"]
     # A station alone can be drawn.
     line = np.array([[2_700_050.0, 1_149_900.0], [2_700_150.0, 1_149_900.0]])
-    assert "S1" in texts(map_figure(case.grid, [], [], {"S1": GapStretch(line, 0.0)}))
+    lone = {"": GapMap([], {"S1": GapStretch(line, 0.0)})}
+    assert "S1" in texts(map_figure(case.grid, [], lone))
 
 
 # --- the change of the map -------------------------------------------------------------------

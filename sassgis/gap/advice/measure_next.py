@@ -35,7 +35,7 @@ from sassgis.gap.observations.observed import Observations, rock_masses_kg
 from sassgis.gap.residuals.rock_residuals import mean_of_draws, per_rock
 from sassgis.gap.words import effect_name
 from sassgis.grid import FloatArray
-from sassgis.settings.languages import all_of, joined, phrase
+from sassgis.settings.languages import Phrase, all_of, joined, phrase
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,6 +57,7 @@ class Identifiable:
     quantities: tuple[Quantity, ...]
     #: Sentences: what is missing, and what is therefore not identifiable.
     not_identifiable: tuple[str, ...]
+    not_testable: str = ""  # causes that leave nothing in the given tables
 
     def has(self, name: str, table: str | None = None) -> bool:
         """Return whether a quantity is there, in one table or in any."""
@@ -82,9 +83,9 @@ def what_is_identifiable(observations: Observations) -> Identifiable:
         *_missing_at_stations(observations, found),
         *_missing_on_the_path(found),
         *_missing_of_rocks(observations),
-        *_causes_without_fingerprint(observations),
     )
-    return replace(found, not_identifiable=lacks)
+    unseen = [n for n, lacking in _tables_lacking(observations, CAUSES).items() if all(lacking)]
+    return replace(found, not_identifiable=lacks, not_testable=not_testable(observations, unseen))
 
 
 def _missing_of_releases(observations: Observations, found: Identifiable) -> Iterable[str]:
@@ -174,23 +175,6 @@ def _missing_of_rocks(observations: Observations) -> Iterable[str]:
         )
 
 
-def _causes_without_fingerprint(observations: Observations) -> Iterable[str]:
-    """Yield causes that leave nothing in the given tables, and what each would take."""
-    unseen: dict[tuple[str, ...], list[str]] = {}
-    for cause in CAUSES.values():
-        lacks = [
-            [name for name in own.tables if not len(observations.tables[name])]
-            for own in cause.statistics
-        ]
-        # The law of the contact is that of the base: it has none.
-        if lacks and all(lacks):
-            fewest = lacks[int(np.argmin([len(own) for own in lacks]))]
-            unseen.setdefault(tuple(fewest), []).append(cause.words[0])
-    for tables, names in unseen.items():
-        causes = joined(", ", map(phrase, names))
-        yield phrase("No {}: no fingerprint is seen of {}.", all_of(tables), causes)
-
-
 def _sample_size(rocks: int) -> str:
     if rocks == 0:
         return "No rocks: nothing can be compared rock by rock."
@@ -252,28 +236,60 @@ def recorded_rocks(case: Case) -> dict[str, int]:
     return {what: int(np.isfinite(v).sum()) for what, v in _quantities(seen, ())}
 
 
+def _tables_lacking(
+    observations: Observations, causes: Iterable[str]
+) -> dict[str, list[frozenset[str]]]:
+    """Return the tables that lack for each fingerprint of causes that have one, by cause."""
+    return {
+        name: [
+            frozenset(table for table in own.tables if not len(observations.tables[table]))
+            for own in CAUSES[name].statistics
+        ]
+        for name in causes
+        if name in CAUSES and CAUSES[name].statistics
+    }
+
+
+def _recording(lacking: Mapping[str, Sequence[frozenset[str]]]) -> list[tuple[list[str], Phrase]]:
+    """Return tables to record, what shows most causes first, with the names of these causes."""
+    left, recorded = dict(lacking), frozenset[str]()
+    found = []
+    while left:
+        shown: dict[frozenset[str], list[str]] = {}
+        for name, fingerprints in left.items():
+            for more in dict.fromkeys(own - recorded for own in fingerprints if own - recorded):
+                shown.setdefault(more, []).append(name)
+        if not shown:
+            break
+        more = max(shown, key=lambda own: (len(shown[own]), -len(own)))
+        # What a part of these tables shows, they show as well.
+        names = [n for own, names in shown.items() if own <= more for n in names]
+        names = [name for name in left if name in names]
+        found.append((sorted(more), joined(", ", map(effect_name, names))))
+        recorded |= more
+        left = {name: own for name, own in left.items() if name not in names}
+    return found
+
+
+def not_testable(observations: Observations, causes: Iterable[str]) -> str:
+    """Return causes that the data cannot show, in a line: what would show most of them first."""
+    lacking = _tables_lacking(observations, causes)
+    # Of these every table is there.
+    rest = [name for name, own in lacking.items() if not any(own)]
+    rows = _recording({name: own for name, own in lacking.items() if name not in rest})
+    said = [phrase("{} (record {})", names, all_of(tables)) for tables, names in rows]
+    if rest:
+        said.append(phrase("{} (record more rocks)", joined(", ", map(effect_name, rest))))
+    return phrase("Not testable with these data: {}.", joined("; ", said)) if said else ""
+
+
 def tables_to_add(case: Case, causes: Sequence[str]) -> tuple[str, ...]:
-    """Return tables of observations that lack, and the causes that have a fingerprint in them."""
-    tables = case.observations.tables
-    shown: dict[tuple[str, ...], list[str]] = {}
-    for cause in (CAUSES[name] for name in causes if name in CAUSES):
-        needed = {
-            tuple(name for name in own.tables if not len(tables[name])): None
-            for own in cause.statistics
-        }
-        needed.pop((), None)
-        for lacks in needed:
-            # With fewer tables there is a fingerprint already.
-            if not any({*fewer} < {*lacks} for fewer in needed):
-                shown.setdefault(lacks, []).append(cause.words[0])
-    return tuple(
-        phrase(
-            "Recording {} would separate these causes: {}.",
-            all_of(lacks),
-            joined(", ", map(phrase, names)),
-        )
-        for lacks, names in shown.items()
-    )
+    """Return what to record so that causes have more fingerprints; what shows most comes first."""
+    found = _recording(_tables_lacking(case.observations, causes))
+    said = [phrase("{} ({})", all_of(tables), names) for tables, names in found]
+    if not said:
+        return ()
+    return (phrase("Recording these tables would separate causes: {}.", joined("; ", said)),)
 
 
 def new_places(case: Case, rock_lines: RockLines) -> FloatArray:

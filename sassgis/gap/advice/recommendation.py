@@ -1,7 +1,8 @@
-"""Recommendation: how far the configured model is off, what to set, what follows."""
+"""Recommendation: where and how far the configured model is off, why, what to set."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
@@ -9,14 +10,18 @@ import numpy as np
 
 from sassgis.gap.causes.all_causes import CAUSES
 from sassgis.gap.constants import GAP_ROCKS, GAP_SAMPLES, GROUND_WIDTHS, RELEVANT_GAPS
-from sassgis.gap.diagnosis import Advice, GroundSetting, ModelGap, Range, Rung
+from sassgis.gap.diagnosis import Advice, GroundSetting, ModelGap, Range, Rung, Verdict
 from sassgis.gap.fit.distances import bootstrap_rows, quantiles_of
-from sassgis.gap.fit.hypothesis_fit import FittedHypothesis
+from sassgis.gap.fit.hypothesis_fit import NONE, FittedHypothesis
 from sassgis.gap.fit.site_data import Scale, SiteData
 from sassgis.gap.observations.case import Case
+from sassgis.gap.verdict.model_comparison import CONFIGURED, GROUND
 from sassgis.gap.words import (
+    LISTED,
+    MOST_SURE,
     closed_percent,
     effect_name,
+    effect_phrase,
     file_has,
     number_text,
     quantity_name,
@@ -84,8 +89,10 @@ def model_gaps(
                     ci95=(low, high), limit=abs(limit), rocks=known.size, side=side,
                 )
             )  # fmt: skip
-    # Run-out first, arrivals last.
-    return tuple(sorted(found, key=lambda gap: (gap.quantity == "arrived", gap.place != "stop")))
+    case = problem.case
+    down = {case.station_names[k]: place for place, k in enumerate(case.station_order.tolist())}
+    # Run-out first, then stations down the slope, arrivals last.
+    return tuple(sorted(found, key=lambda g: (g.quantity == "arrived", down.get(g.place, -1))))
 
 
 def _arrivals(
@@ -95,6 +102,9 @@ def _arrivals(
     more = 100.0 * (seen - made.mean(axis=0))
     rng = np.random.default_rng([problem.seed, 58, column])
     low, high = _interval(lambda rows: more[rows].mean(), problem.unit, rng).tolist()
+    # Where all rocks were seen, samples of them are all alike: the model has scatter all the same.
+    half = 196.0 * math.sqrt(float(made.var(axis=0, ddof=1).sum())) / seen.size
+    low, high = min(low, float(more.mean()) - half), max(high, float(more.mean()) + half)
     return ModelGap(
         place=place, quantity="arrived", statistic="mean", unit="%",
         observed=100.0 * float(seen.mean()), predicted=100.0 * float(made.mean()),
@@ -187,19 +197,22 @@ def wrong_ground(case: Case, intervals: Mapping[str, Range]) -> tuple[str, ...]:
 # In words
 
 
-def first_sentence(advice: Advice, ladder: Sequence[Rung], effect: str = "") -> str:
-    """State how far the configured model is off, to which side, what to set and what remains."""
+def first_sentence(advice: Advice, ladder: Sequence[Rung], verdict: Verdict) -> Phrase:
+    """State where the configured model is off and why, how far and to which side; what to set."""
     gap = advice.configured
+    because = [_cause(verdict, advice), *([] if advice.short else _shrinks(advice, ladder))]
+    clauses = [text for text in because if text]
     if gap is None:
-        return "No stops and no speeds were observed. The error of the model is unknown."
-    text = "As configured: {}"
-    if "release_error" in effect.split("+"):
-        text = "As configured, from the stated starts: {}"
-    said = [phrase(text, _off_by(gap, advice))]
+        text = "No stops and no speeds were observed. The error of the model is unknown."
+        return joined(" ", (phrase(text), *(phrase("{}.", capital(own)) for own in clauses)))
+    if gap.counts:
+        said = [capital(phrase("{}.", joined("; ", (_off_by(gap, advice.compared), *clauses))))]
+    else:
+        said = [_no_difference(gap, advice), *(phrase("{}.", capital(own)) for own in clauses)]
     mentioned = [gap]
     far = _far_safe(advice.compared)
     if far is not None and gap.side == "unsafe":
-        said.append(phrase("Also: {}", _off_by(far, advice)))
+        said.append(phrase("Also: {}.", _off_by(far, advice.compared)))
         mentioned.append(far)
     if advice.wrong_ground:
         names = all_of(map(named, advice.wrong_ground))
@@ -208,12 +221,59 @@ def first_sentence(advice: Advice, ladder: Sequence[Rung], effect: str = "") -> 
         said.append(one if len(advice.wrong_ground) == 1 else more)
     said += _to_run(advice, ladder)
     if advice.short is None:
-        unsafe = worst_of([own for own in advice.left if own.counts and own.side == "unsafe"])
-        both = (unsafe, _far_safe(advice.left))
-        left = [_off_by(own, advice) for own in both if own is not None and own not in mentioned]
-        texts = ("After calibration: {}", "Also: {}")
-        said += [phrase(text, own) for text, own in zip(texts, left, strict=False)]
+        said += _remains(advice, mentioned, verdict)
     return joined(" ", said)
+
+
+def _cause(verdict: Verdict, advice: Advice) -> Phrase:
+    """Return the cause that is named, else the most probable ones; empty where none is missing."""
+    if verdict.named:
+        text = "most likely because of {} ({} %)"
+        if not {*verdict.effect.split("+")} <= {*advice.recommended.split("+")}:
+            # What does not certainly close the gap is no reason of it.
+            text = "the observations show {} ({} %)"
+        return phrase(text, effect_phrase(verdict.effect), f"{100.0 * verdict.confidence:.0f}")
+    if verdict.effect == NONE or not verdict.ranked:
+        return phrase("")
+    first, *others = (
+        phrase("{} ({} %)", effect_name(name), f"{100.0 * min(p, MOST_SURE):.0f}")
+        for name, p in verdict.ranked.items()
+        if p >= LISTED
+    )
+    if not others:
+        return phrase("no cause is certain: most likely {}", first)
+    return phrase("no cause is certain: most likely {}, then {}", first, others[0])
+
+
+def _shrinks(advice: Advice, ladder: Sequence[Rung]) -> list[Phrase]:
+    """Return what the recommended model closes of the gap; nothing where that may be chance."""
+    closed = _shares(ladder)
+    share = closed.get(advice.recommended)
+    if share is None:
+        return []
+    said = phrase(
+        "with {} the gap over all quantities shrinks by {} on rocks left out",
+        file_has(advice.recommended),
+        share,
+    )
+    if advice.recommended == GROUND or GROUND not in closed:
+        return [said]
+    return [phrase("{}, with calibrated ground by {}", said, closed[GROUND])]
+
+
+def _remains(advice: Advice, mentioned: Sequence[ModelGap], verdict: Verdict) -> list[Phrase]:
+    """Return what the recommended model leaves, beyond what is stated already."""
+    unsafe = worst_of([own for own in advice.left if own.counts and own.side == "unsafe"])
+    both = (unsafe, _far_safe(advice.left))
+    left = [_off_by(own, advice.left) for own in both if own not in (None, *mentioned) and own]
+    if left:
+        texts = ("After calibration: {}.", "Also: {}.")
+        return [phrase(text, own) for text, own in zip(texts, left, strict=False)]
+    # Of calibration that suffices the verdict states it.
+    changed = advice.recommended != CONFIGURED and bool(advice.left)
+    if changed and verdict.effect != NONE and not any(own.counts for own in advice.left):
+        return [phrase("After calibration no relevant difference remains.")]
+    return []
 
 
 def _far_safe(gaps: Sequence[ModelGap]) -> ModelGap | None:
@@ -231,53 +291,29 @@ def _shares(ladder: Sequence[Rung]) -> dict[str, Phrase]:
 
 
 def _to_run(advice: Advice, ladder: Sequence[Rung]) -> list[Phrase]:
-    """State what is recommended, what it closes, and why nothing more is."""
+    """State what is recommended, and why nothing more is."""
     why = [phrase("{}.", capital(advice.why))] if advice.why else []
-    if advice.recommended == "configured":
+    if advice.recommended == CONFIGURED:
         if advice.short is not None:
             return [phrase("No tried model is recommended."), *why]
         return [phrase("Keep the configured ground."), *why]
-    name, closed = file_has(advice.recommended), _shares(ladder)
-    share = closed.get(advice.recommended)
+    name = file_has(advice.recommended)
     if advice.short is not None:
         said = phrase(
-            "No tried model is recommended. With the nearest, {} (model/config.toml): {}",
+            "No tried model is recommended. With the nearest, {} (model/config.toml): {}.",
             name,
-            _off_by(advice.short, advice),
+            _off_by(advice.short, advice.left),
         )
-        on_rocks = phrase(
-            "On rocks left out of the calibration, it closes {} of the gap over all quantities.",
-            share,
-        )
+        share = _shares(ladder).get(advice.recommended)
+        on_rocks = phrase("On rocks left out, it closes {} of the gap over all quantities.", share)
         return [said, *([on_rocks] if share else []), *why]
-    if advice.recommended == "ground":
-        on_rocks = phrase(
-            "On rocks left out of the calibration, this closes {} of the gap over all quantities.",
-            share,
-        )
-        return [*_what_to_set(advice), *([on_rocks] if share else []), *why]
+    if advice.recommended == GROUND:
+        return [*_what_to_set(advice), *why]
     apart = [n for n in advice.recommended.split("+") if n in CAUSES and CAUSES[n].of_data]
     if apart:
         text = "{} is not part of the motion. The file does not contain it."
         why = [phrase(text, capital(effect_name("+".join(apart)))), *why]
-    if not share:
-        said = phrase("Run model/config.toml (with {}).", name)
-    elif "ground" not in closed:
-        said = phrase(
-            "Run model/config.toml (with {}). On rocks left out of the calibration, it closes {} "
-            "of the gap over all quantities.",
-            name,
-            share,
-        )
-    else:
-        said = phrase(
-            "Run model/config.toml (with {}). On rocks left out of the calibration, it closes {} "
-            "of the gap over all quantities. Calibrated ground closes {}.",
-            name,
-            share,
-            closed["ground"],
-        )
-    return [said, *why]
+    return [phrase("Run model/config.toml (with {}).", name), *why]
 
 
 def _closed(rung: Rung) -> Phrase:
@@ -288,49 +324,85 @@ def _closed(rung: Rung) -> Phrase:
     return phrase("{} % (95 %: {} to {} %)", share, low, high)
 
 
-#: Words for gaps on the unsafe side and on the safe side.
+#: Words for gaps on the unsafe side and on the safe side, after the place.
 _OFF: Mapping[str, tuple[str, ...]] = {
-    "width": ("stops scatter {} {} too little", "stops scatter {} {} too much"),
-    "runout_m": ("simulated blocks stop {} {} too early", "simulated blocks stop {} {} too far"),
-    "energy_kj": ("simulated energies are {} {} too low", "simulated energies are {} {} too high"),
-    "speed_mps": ("simulated speeds are {} {} too low", "simulated speeds are {} {} too high"),
-    "arrived": ("{} {} of the simulated blocks stop too early",),
+    "width": (
+        "{} simulated stops scatter {} % too little",
+        "{} simulated stops scatter {} % too much",
+    ),
+    "runout_m": (
+        "{} simulated blocks stop {} % too early",
+        "{} simulated blocks stop {} % too far",
+    ),
+    "energy_kj": (
+        "{} simulated energies are {} % too low",
+        "{} simulated energies are {} % too high",
+    ),
+    "speed_mps": (
+        "{} simulated blocks are {} % too slow",
+        "{} simulated blocks are {} % too fast",
+    ),
+    "arrived": ("{} {} % of all simulated blocks stop too early",),
 }
 
 
-def _off_by(gap: ModelGap, advice: Advice) -> Phrase:
-    """Return a gap of the configured model or of the one that is handed over, in words."""
-    statistic, quantity = phrase(gap.statistic), quantity_name(gap.quantity)
-    if not gap.counts:
-        compared = dict.fromkeys(
-            phrase("median, 90 % and width of run-out")
-            if g.quantity == "runout_m"
-            else quantity_name(g.quantity)
-            if g.quantity == "arrived"
-            else phrase("median and 90 % {} at stations", quantity_name(g.quantity))
-            for g in advice.compared
-        )
-        return phrase(
-            "no significant difference from {} rocks in {}. Observed less predicted ({} {}): "
-            "{} {} (95 %: {} {}).",
-            gap.rocks, all_of(compared), statistic, quantity, number_text(gap.gap), gap.unit,
-            range_text(*gap.ci95), gap.unit,
-        )  # fmt: skip
+def _off_by(gap: ModelGap, gaps: Sequence[ModelGap]) -> Phrase:
+    """Return place, relative size and side of a gap among others, its size and interval."""
     low, high = sorted(abs(v) for v in gap.ci95)
     kind = "width" if gap.statistic == "width" else gap.quantity
-    if kind == "width":
-        what = phrase("10 % to 90 % quantile")
-    elif kind == "arrived":
-        what = phrase("before {}", gap.place)
+    size, unit = abs(gap.gap), gap.unit
+    percent = size if kind == "arrived" else 100.0 * size / max(abs(gap.observed), 1e-9)
+    off = phrase(_OFF[kind][gap.side == "safe"], _place(gap, gaps), f"{percent:.0f}")
+    if kind == "arrived":
+        size_of = phrase("95 % interval {} %", range_text(low, high))
     else:
-        what = phrase("median" if gap.statistic == "median" else "90 % quantile")
-        if kind != "runout_m":
+        what = phrase("10 % to 90 % quantile")
+        if kind != "width":
+            what = phrase("median" if gap.statistic == "median" else "90 % quantile")
+        if gap.place != "stop":
             what = phrase("{} at {}", what, gap.place)
-    off = phrase(_OFF[kind][gap.side == "safe"], number_text(abs(gap.gap)), gap.unit)
-    said = off, what, range_text(low, high), gap.unit
+        size_of = phrase(
+            "{}: {} {}, 95 % interval {} {}",
+            what, number_text(size), unit, range_text(low, high), unit,
+        )  # fmt: skip
     if gap.side == "safe":
-        return phrase("{} ({}; 95 % interval {} {}); conservative.", *said)
-    return phrase("{} ({}; 95 % interval {} {}); unsafe.", *said)
+        return phrase("{}, on the safe side ({})", off, size_of)
+    return phrase("{}, on the unsafe side ({})", off, size_of)
+
+
+def _place(gap: ModelGap, gaps: Sequence[ModelGap]) -> Phrase:
+    """Return where a gap lies: at the stations around it that are off alike, one after another."""
+    if gap.place == "stop":
+        return phrase("in the run-out")
+    if gap.quantity == "arrived":
+        return phrase("before {}", gap.place)
+    along = [g for g in gaps if (g.quantity, g.statistic) == (gap.quantity, gap.statistic)]
+    alike = [g == gap or (g.counts and g.side == gap.side) for g in along]
+    first = last = along.index(gap)
+    while first > 0 and alike[first - 1]:
+        first -= 1
+    while last + 1 < len(along) and alike[last + 1]:
+        last += 1
+    ends = along[first].place, along[last].place
+    return phrase("at {}", gap.place) if first == last else phrase("between {} and {}", *ends)
+
+
+def _no_difference(gap: ModelGap, advice: Advice) -> Phrase:
+    """State that the configured model is not significantly off."""
+    compared = dict.fromkeys(
+        phrase("median, 90 % and width of run-out")
+        if g.quantity == "runout_m"
+        else quantity_name(g.quantity)
+        if g.quantity == "arrived"
+        else phrase("median and 90 % {} at stations", quantity_name(g.quantity))
+        for g in advice.compared
+    )
+    return phrase(
+        "As configured: no significant difference from {} rocks in {}. Observed less predicted "
+        "({} {}): {} {} (95 %: {} {}).",
+        gap.rocks, all_of(compared), phrase(gap.statistic), quantity_name(gap.quantity),
+        number_text(gap.gap), gap.unit, range_text(*gap.ci95), gap.unit,
+    )  # fmt: skip
 
 
 def _what_to_set(advice: Advice) -> list[Phrase]:

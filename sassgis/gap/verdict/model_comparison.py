@@ -41,7 +41,7 @@ from sassgis.gap.fit.hypothesis_fit import (
 )
 from sassgis.gap.fit.linear_fit import LinearFit, SiteSummary, law_changes
 from sassgis.gap.fit.site_data import SiteData
-from sassgis.gap.words import number_text, range_text, rung_name
+from sassgis.gap.words import rung_name
 from sassgis.grid import FloatArray, IntArray
 from sassgis.settings.languages import joined, phrase
 
@@ -137,17 +137,8 @@ class Ladder:
             if not uncertain:
                 best, why = name, []
                 continue
-            simpler, gain = uncertain[-1]
-            why.append(
-                phrase(
-                    "by {} beyond {} (energy distance {} of {}; 95 %: {})",
-                    rung_name(name),
-                    rung_name(simpler),
-                    number_text(gain.value),
-                    number_text(self._found[simpler][1].value()),
-                    range_text(gain.low, gain.high),
-                )
-            )
+            simpler, _ = uncertain[-1]
+            why.append(phrase("by {} beyond {}", rung_name(name), rung_name(simpler)))
         if not why:
             return best, ""
         nothing = phrase("no certain gain on rocks left out {}", joined(", ", why))

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -20,7 +21,7 @@ from sassgis.grid import FloatArray, Grid
 from sassgis.report.figures import map_marks, style
 from sassgis.report.figures.map_figure import MapPanel, colour_bar, draw_maps, finish
 from sassgis.report.figures.relief import footprint, view_of
-from sassgis.settings.languages import joined, phrase, translated
+from sassgis.settings.languages import Phrase, joined, phrase, translated
 
 #: Rows of one quantity beyond this number are left out, the least certain first.
 MAX_ROWS = 14
@@ -28,6 +29,16 @@ MAX_ROWS = 14
 MAX_PANELS = 12
 #: Up to this many observed values each is marked on the curve.
 _MARKED = 60
+#: Samples of a model from which its distance by chance is known.
+_CHANCE_SAMPLES = 99
+#: Quantities that are drawn before the others.
+_FIRST = ("runout_m", "speed_mps", "height_m")
+#: Names of the models in a note.
+_CURVE_NAMES = {
+    "configured": "configured",
+    "base": "calibrated base model",
+    "effect": "with the effect",
+}
 #: Height of a row (in); rows that the title and the axis of a panel take.
 _ROW_IN, _HEAD_ROWS = 0.2, 2.6
 
@@ -37,12 +48,35 @@ class GapStretch:
     """A stretch of a fall line, or a station, with the gap there.
 
     The trace holds coordinates (m) of shape (n, 2), the gap is NaN where nothing was compared. A
-    gap that is not sure to differ from chance is drawn thin.
+    gap that is not sure to differ from chance is thin and grey.
     """
 
     trace: FloatArray
     gap: float
     sure: bool = True
+
+    @property
+    def known(self) -> bool:
+        """Whether something was compared."""
+        return math.isfinite(self.gap)
+
+
+@dataclass(frozen=True, slots=True)
+class GapMap:
+    """The gap of one model on the map."""
+
+    stretches: Sequence[GapStretch]
+    stations: Mapping[str, GapStretch]
+
+    @property
+    def all(self) -> list[GapStretch]:
+        """Stretches and stations."""
+        return [*self.stretches, *self.stations.values()]
+
+    @property
+    def known(self) -> bool:
+        """Whether anything was compared."""
+        return any(own.known for own in self.all)
 
 
 @style.house_style()
@@ -50,8 +84,7 @@ def gap_map_figure(
     grid: Grid,
     *,
     lines: Sequence[FloatArray],
-    stretches: Sequence[GapStretch],
-    stations: Mapping[str, GapStretch],
+    maps: Mapping[str, GapMap],
     release: FloatArray,
     stops: FloatArray,
     quantity: str,
@@ -59,33 +92,40 @@ def gap_map_figure(
 ) -> Figure:
     """Draw fall lines and stations over the relief, coloured by the gap of one quantity.
 
-    Lines, release and ``stops`` are of shape (n, 2) (m). Stretches and stations are trace, gap (NaN
-    where nothing was compared), and whether it is sure; the others are drawn thin.
+    Lines, release and ``stops`` are of shape (n, 2) (m). ``maps``: a map for each model, by its
+    name.
     """
+    stations = next(iter(maps.values())).stations
     points = map_marks.all_points([*lines, *(s.trace for s in stations.values()), release, stops])
     points = points[np.isfinite(points).all(axis=1)]
     view = view_of(grid, footprint(grid, None, points))
-    gaps = [s.gap for s in (*stretches, *stations.values()) if math.isfinite(s.gap)]
+    compared = [s for own in maps.values() for s in own.all if s.known]
+    gaps = [s.gap for s in compared if s.sure]
     largest = max((abs(g) for g in gaps), default=0.0)
     norm = Normalize(-largest or -1.0, largest or 1.0)
     keys = {
         phrase(
-            "Colour: {}, observed less predicted; vermilion: more was observed, blue: less; thin: "
-            "not distinguished from chance.",
+            "Colour: {}, observed less predicted; vermilion: more was observed, blue: less.",
             words.quantity_name(quantity),
         ): gaps,
+        phrase(
+            "Thin and pale: the gap is not distinguishable from chance ({}).",
+            words.quantity_name(quantity),
+        ): len(compared) > len(gaps),
         phrase("Thin dark lines: fall lines."): lines,
         phrase("Triangles: release."): len(release),
         phrase("Diamonds: where observed blocks lie."): len(stops),
     }
     text = joined(" ", (part for part, there in keys.items() if there))
+    drawn = iter(maps.values())
 
     def draw(ax: Axes) -> None:
+        own = next(drawn)
         map_marks.draw_lines(ax, [c for c in lines if len(c) > 1], 0.5, 0.5)
-        _draw_stretches(ax, stretches, norm, 2.4, 6)
-        _draw_stretches(ax, list(stations.values()), norm, 3.2, 8)
-        for station in stations.values():
-            if len(station.trace) > 1 and not math.isfinite(station.gap):
+        _draw_stretches(ax, own.stretches, norm, 2.4, 6)
+        _draw_stretches(ax, list(own.stations.values()), norm, 3.2, 8)
+        for station in own.stations.values():
+            if len(station.trace) > 1 and not station.known:
                 ax.plot(*station.trace.T, ls="--", color=style.INK, lw=1.1, zorder=7)
         map_marks.draw_points(
             ax=ax,
@@ -99,7 +139,7 @@ def gap_map_figure(
             gid="stops",
         )
 
-    panel = MapPanel(None, style.GAP_COLOURS, norm, alpha=1.0)
+    panels = [MapPanel(None, style.GAP_COLOURS, norm, name, alpha=1.0) for name in maps]
     names = [
         map_marks.line_name(n, station.trace)
         for n, station in stations.items()
@@ -107,20 +147,21 @@ def gap_map_figure(
     ]
     marks = map_marks.MapMarks(list(release[:, None]), names=names)
     sheet, axes = draw_maps(
-        view, [panel], marks, "Where the gap lies", [text], taken=view.holds(points), more=draw
+        view, panels, marks, "Where the gap lies", [text], taken=view.holds(points), more=draw
     )
     if gaps:
-        colour_bar(axes, panel, unit)
+        colour_bar(axes, panels[0], unit)
     return finish(sheet, axes, marks, view)
 
 
 def _draw_stretches(
     ax: Axes, stretches: Sequence[GapStretch], norm: Normalize, width: float, zorder: float
 ) -> None:
-    known = [s for s in stretches if math.isfinite(s.gap) and len(s.trace) > 1]
+    # What is sure lies over what is not.
+    known = sorted((s for s in stretches if s.known and len(s.trace) > 1), key=lambda s: s.sure)
     widths = np.array([width if s.sure else 0.45 * width for s in known])
     traces = [s.trace for s in known]
-    colours = style.GAP_COLOURS(norm([s.gap for s in known])) if known else style.INK
+    colours = [style.GAP_COLOURS(norm(s.gap)) if s.sure else style.LIGHT for s in known]
     edges = LineCollection(
         traces, colors=style.INK, linewidths=widths + 0.8, alpha=0.55, zorder=zorder
     )
@@ -149,15 +190,27 @@ def _chosen_rows(findings: Sequence[GapFinding]) -> dict[tuple[str, str], list[G
 
 
 @style.house_style()
-def gap_where_figure(findings: Sequence[GapFinding]) -> Figure:
-    """Draw gaps with their intervals, a panel for each quantity; says what is left out."""
+def gap_where_figure(
+    findings: Sequence[GapFinding], configured: Sequence[GapFinding] = ()
+) -> Figure:
+    """Draw gaps with their intervals, a panel for each quantity; says what is left out.
+
+    ``configured``: gaps of the configured model, drawn beside those of the same comparison.
+    """
     groups = _chosen_rows(findings)
+    before = {_comparison_key(f): f for f in configured}
     shown = sum(len(rows) for rows in groups.values())
     note = phrase(
-        "Dots: mean over rocks; bars: 95 % intervals, rocks resampled. Filled: significant among "
-        "all comparisons (5 %); coloured ring: among those that the map shows (share of false ones "
-        "5 %); grey: not distinguished from chance. Right: number of rocks."
+        "Dots: mean over rocks, with the calibrated base model; bars: 95 % intervals, rocks "
+        "resampled. Filled: significant among all comparisons (5 %); coloured ring: among those "
+        "that the map shows (share of false ones 5 %); grey: not distinguishable from chance. "
+        "Right: number of rocks."
     )
+    if before:
+        note = joined(
+            " ",
+            (note, phrase("Diamonds and thin bars above them: the configured model, alike.")),
+        )
     if shown < len(findings):
         more = phrase("{} of {} are shown, the most certain.", shown, len(findings))
         note = joined(" ", (note, more))
@@ -177,15 +230,17 @@ def gap_where_figure(findings: Sequence[GapFinding]) -> Figure:
         for i, key in enumerate(keys):
             ax = sheet.figure.add_subplot(parts[i])
             name = words.with_unit_in_brackets(words.quantity_name(key[0]), key[1])
-            ax.set_title(style.wrap(name, style.WIDTH_IN / len(columns) - 0.8, style.TEXT))
-            _draw_gaps(ax, groups[key])
+            ax.set_title(style.wrap(name, style.WIDTH_IN / len(columns) - 1.6, style.TEXT))
+            _draw_gaps(ax, groups[key], before)
     return sheet.figure
 
 
-def _interval(ax: Axes, row: int, ends: tuple[float, float], colour: str) -> None:
+def _interval(
+    ax: Axes, row: float, ends: tuple[float, float], colour: str, width: float = 1.5
+) -> None:
     """Draw an interval in a row; nothing where it is not known."""
     if math.isfinite(ends[0]) and math.isfinite(ends[1]):
-        ax.plot(ends, [row, row], color=colour, lw=1.5, alpha=0.8, gid="interval")
+        ax.plot(ends, [row, row], color=colour, lw=width, alpha=0.8, gid="interval")
 
 
 def _rows_only(ax: Axes, n: int, rest: float) -> None:
@@ -196,18 +251,32 @@ def _rows_only(ax: Axes, n: int, rest: float) -> None:
     ax.tick_params(axis="y", length=0)
 
 
-def _draw_gaps(ax: Axes, rows: Sequence[GapFinding]) -> None:
+def _comparison_key(finding: GapFinding) -> tuple[str, ...]:
+    """Return what a comparison of two models has in common."""
+    return finding.place, finding.phase, finding.quantity, finding.unit, finding.test
+
+
+def _draw_gap(ax: Axes, at: float, finding: GapFinding, mark: str, size: float, gid: str) -> None:
+    """Draw a gap with its interval, coloured where it is not chance."""
+    sure = words.significance(finding)
+    colour = style.VERMILION if finding.gap > 0.0 else style.BLUE
+    colour = style.GREY if sure == "open" else colour
+    _interval(ax, at, finding.ci95, colour, 0.3 * size)
+    ax.plot(
+        [finding.gap], [at], mark, ms=size, mec=colour, mew=1.1,
+        mfc=colour if sure == "sure" else "white", zorder=5, gid=f"{gid}-{sure}",
+    )  # fmt: skip
+
+
+def _draw_gaps(
+    ax: Axes, rows: Sequence[GapFinding], before: Mapping[tuple[str, ...], GapFinding]
+) -> None:
     ax.axvline(0.0, color=style.GREY, lw=0.8, zorder=1)
     for i, finding in enumerate(rows):
-        sure = words.significance(finding)
-        colour = (
-            style.GREY if sure == "open" else style.VERMILION if finding.gap > 0.0 else style.BLUE
-        )
-        _interval(ax, i, finding.ci95, colour)
-        ax.plot(
-            [finding.gap], [i], "o", ms=4.5, mec=colour, mew=1.1,
-            mfc=colour if sure == "sure" else "white", zorder=5, gid=f"gap-{sure}",
-        )  # fmt: skip
+        own = before.get(_comparison_key(finding))
+        if own is not None:
+            _draw_gap(ax, i - 0.22, own, "D", 2.8, "configured")
+        _draw_gap(ax, i + (0.12 if own else 0.0), finding, "o", 4.5, "gap")
         style.beside(
             ax, str(finding.rocks), (1.0, i), (6.0, 0.0), color=style.GREY, va="center",
             xycoords=("axes fraction", "data"), annotation_clip=False,
@@ -242,10 +311,27 @@ def _band(values: FloatArray, n: int) -> tuple[FloatArray, FloatArray, FloatArra
     return x, binom.ppf(0.025, n, share) / n, binom.ppf(0.975, n, share) / n
 
 
-def _distance(observed: FloatArray, model: FloatArray) -> float:
-    """Return energy distance, squared as on the page, in standard deviations of the observed."""
-    unit = float(np.std(observed, ddof=1)) if observed.size > 1 else 0.0
-    return float(energy_distance(observed, model) ** 2) / (unit or 1.0)
+def _distance(observed: FloatArray, model: FloatArray) -> Phrase:
+    """Return energy distance, squared as on the page, in standard deviations of the observed.
+
+    "chance" where 5 of 100 samples of as many values of the model are as far from it.
+    """
+    unit = (float(np.std(observed, ddof=1)) if observed.size > 1 else 0.0) or 1.0
+
+    def distance(values: FloatArray) -> float:
+        return float(energy_distance(values, model) ** 2) / unit
+
+    own, rng = distance(observed), np.random.default_rng(59)
+    usual = [distance(rng.choice(model, observed.size)) for _ in range(_CHANCE_SAMPLES)]
+    return phrase("chance") if own <= np.quantile(usual, 0.95) else phrase("{}", f"{own:.2g}")
+
+
+#: Models in the order in which they are drawn and compared: colour and dashes.
+_CURVES: Mapping[str, tuple[str, Any]] = {
+    "configured": (style.ORANGE, (0, (3.0, 1.4))),
+    "base": (style.BLUE, "-"),
+    "effect": (style.VERMILION, "-"),
+}
 
 
 @style.house_style()
@@ -255,25 +341,28 @@ def gap_distributions_figure(comparisons: Sequence[Comparison], *, effect: str =
     The band is that of the calibrated base model for as many rocks as were observed. ``effect`` is
     that of the effect model, empty if none is named.
     """
-    chosen = list(comparisons)[:MAX_PANELS]
-    after = bool(effect) and any(c.effect for c in chosen)
+    rank = {name: k for k, name in enumerate(_FIRST)}
+    varied = [c for c in comparisons if len({*c.observed, *c.base, *c.effect, *c.configured}) > 1]
+    chosen = sorted(varied, key=lambda c: rank.get(c.quantity, len(rank)))[:MAX_PANELS]
+    shown = [name for name in _CURVES if any(getattr(c, name) for c in chosen)]
+    shown = [name for name in shown if name != "effect" or effect]
     parts = [
         phrase(
             "Black: observed, a step for each value. Blue: calibrated base model; pale band: where "
             "95 of 100 samples of as many values lie."
         )
     ]
-    text = (
-        "D: energy distance to the observed values, in their standard deviations, of the values "
-        "that are drawn."
-    )
-    if after:
+    if "configured" in shown:
+        parts.append(phrase("Orange, dashed: the configured model."))
+    if "effect" in shown:
         parts.append(phrase("Vermilion: with {}.", words.effect_name(effect)))
-        text = (
-            "D: energy distance to the observed values, in their standard deviations, base → with "
-            "the effect, of the values that are drawn."
+    parts.append(
+        phrase(
+            "D: energy distance to the observed values, in their standard deviations, of the "
+            "models in this order: {}; “chance”: not distinguishable from it.",
+            joined(" → ", map(phrase, (_CURVE_NAMES[name] for name in shown))),
         )
-    parts.append(phrase(text))
+    )
     if len(chosen) < len(comparisons):
         parts.append(phrase("{} of {} comparisons are drawn.", len(chosen), len(comparisons)))
     note = joined(" ", parts)
@@ -282,7 +371,7 @@ def gap_distributions_figure(comparisons: Sequence[Comparison], *, effect: str =
     sheet = style.Sheet("Observed and simulated, before and after", note, 1.95 * rows)
     axes = sheet.figure.subplots(rows, columns, squeeze=False, sharey=True)
     for ax, comparison in zip(axes.flat, chosen, strict=False):
-        _draw_comparison(ax, comparison, style.WIDTH_IN / columns - 0.3, after)
+        _draw_comparison(ax, comparison, style.WIDTH_IN / columns - 0.6, shown)
     for ax in axes.flat[len(chosen) :]:
         ax.set_axis_off()
     for ax in axes[:, 0]:
@@ -290,9 +379,12 @@ def gap_distributions_figure(comparisons: Sequence[Comparison], *, effect: str =
     return sheet.figure
 
 
-def _draw_comparison(ax: Axes, comparison: Comparison, width_in: float, after: bool) -> None:
-    seen, base = _known(comparison.observed), _known(comparison.base)
-    with_effect = _known(comparison.effect) if after else np.empty(0)
+def _draw_comparison(
+    ax: Axes, comparison: Comparison, width_in: float, shown: Sequence[str]
+) -> None:
+    seen = _known(comparison.observed)
+    models = {name: _known(getattr(comparison, name)) for name in shown}
+    models = {name: values for name, values in models.items() if values.size}
     named = words.with_unit_in_brackets(
         phrase(
             "{} {}", words.quantity_name(comparison.quantity), words.place_words(comparison.place)
@@ -306,20 +398,23 @@ def _draw_comparison(ax: Axes, comparison: Comparison, width_in: float, after: b
     if not seen.size:
         style.nothing_to_show(ax, "not observed", keep_x=True)
         return
-    if base.size:
-        x, low, high = _band(base, seen.size)
+    if "base" in models:
+        x, low, high = _band(models["base"], seen.size)
         ax.fill_between(x, low, high, step="post", color=style.SKY, alpha=0.25, lw=0, gid="band")
-    curves = ((base, style.BLUE, 1.3, "base"), (with_effect, style.VERMILION, 1.3, "effect"))
-    for values, colour, width, gid in (*curves, (seen, style.INK, 1.1, "observed")):
-        if values.size:
-            ax.step(*_steps(values), where="post", color=colour, lw=width, gid=gid)
+    for name, values in models.items():
+        colour, dashes = _CURVES[name]
+        ax.step(*_steps(values), where="post", color=colour, ls=dashes, lw=1.3, gid=name)
+    ax.step(*_steps(seen), where="post", color=style.INK, lw=1.1, gid="observed")
     if seen.size <= _MARKED:
         x, y = _steps(seen)
         ax.plot(x[1:], y[1:], "o", ms=2.2, color=style.INK, gid="observed-values")
-    distances = [f"{_distance(seen, v):.2g}" for v in (base, with_effect) if v.size]
-    compared = "D " + " → ".join(distances) + "\n" if distances else ""
+    number = phrase("n = {}", seen.size)
+    distances = [_distance(seen, values) for values in models.values()]
+    if len({*distances}) == 1:
+        distances = distances[:1]
+    text = phrase("D: {}\n{}", joined(" → ", distances), number) if models else number
     ax.text(
-        0.97, 0.06, f"{compared}n = {seen.size}", transform=ax.transAxes, ha="right", va="bottom",
+        0.97, 0.06, text, transform=ax.transAxes, ha="right", va="bottom",
         size=style.SMALL, gid="distance", path_effects=style.halo(), zorder=9,
     )  # fmt: skip
 
@@ -328,78 +423,98 @@ def _draw_comparison(ax: Axes, comparison: Comparison, width_in: float, after: b
 def gap_ladder_figure(ladder: Sequence[Rung]) -> Figure:
     """Draw the distance of each model to the observed rocks, and how much it closes the gap."""
     note = (
-        "Energy distance to the observed rocks, each compared with a model fitted without it; in "
-        "brackets the 95 % interval of the share of the gap (rocks resampled)."
+        "Energy distance to the observed rocks, each compared with a model fitted without it; zero "
+        "in the mean where only chance is left. In brackets the 95 % interval of the share of the "
+        "gap (rocks resampled). Blue: closes some of it for certain."
     )
-    n = len(ladder)
-    sheet = style.Sheet("How far the gap shrinks", note, 0.32 * n + 0.5)
+    models = ladder[:-1]
+    n = len(models)
+    sheet = style.Sheet("How far the gap shrinks", note, 0.34 * n + 0.5)
     ax = sheet.figure.subplots()
     ax.set_label("ladder")
-    for i, rung in enumerate(ladder):
-        ends = rung.rung in ("configured", "floor")
-        ax.barh(
-            i,
-            rung.distance,
-            0.6,
-            color=style.LIGHT if ends else style.BLUE,
-            gid=f"rung-{rung.rung}",
-        )
-        if rung.share is not None:
-            low, high = (100 * v for v in rung.ci95 or (0.0, 0.0))
-            numbers = (f"{v:.0f}".replace("-", "\u2212") for v in (100 * rung.share, low, high))
-            text = phrase(" closes {} % ({} to {})", *numbers)
-            if rung.ci95 is None:
-                text = phrase(" closes {} %", f"{100 * rung.share:.0f}".replace("-", "\u2212"))
-            ax.text(max(rung.distance, 0.0), i, text, va="center", size=style.SMALL)
+    for i, rung in enumerate(models):
+        sure = rung.share is not None and rung.ci95 is not None and rung.ci95[0] > 0.0
+        length = max(rung.distance, 0.0)
+        ax.barh(i, length, 0.6, color=style.BLUE if sure else style.LIGHT, gid=f"rung-{rung.rung}")
+        said = [] if rung.share is None else [_closes(rung, sure)]
+        if words.is_chance(rung, ladder) and (sure or rung.share is None):
+            said.append(phrase("not distinguishable from chance"))
+        ax.text(length, i, joined("; ", said), va="center", size=style.SMALL)
     ax.axvline(0.0, color=style.GREY, lw=0.8, zorder=1)
-    names = [style.wrap(words.rung_name(r.rung), 1.85, style.TEXT) for r in ladder]
+    names = [style.wrap(words.rung_name(r.rung), 1.85, style.TEXT) for r in models]
     ax.set_yticks(range(n), names, size=style.TEXT)
     _rows_only(ax, n, 0.6)
     ax.grid(visible=False)
-    ax.set_xlim(min(0.0, *(r.distance for r in ladder)), 1.45 * max(r.distance for r in ladder))
+    ax.set_xlim(0.0, 1.7 * max(r.distance for r in models))
     ax.set_xlabel("energy distance", size=style.SMALL)
     return sheet.figure
 
 
+def _closes(rung: Rung, sure: bool) -> Phrase:
+    """Return what a model closes of the gap, never more than all of it."""
+    numbers = (
+        f"{words.closed_percent(v):.0f}".replace("-", "\u2212")
+        for v in (rung.share or 0.0, *(rung.ci95 or ()))
+    )
+    if rung.ci95 is None:
+        return phrase(" closes {} %", *numbers)
+    if sure:
+        return phrase(" closes {} % ({} to {})", *numbers)
+    _, low, high = numbers
+    return phrase(" closes nothing for certain ({} to {} %)", low, high)
+
+
 @style.house_style()
 def gap_hypotheses_figure(
-    hypotheses: Sequence[Hypothesis], *, verdict: str, confusion: Sequence[str] = ()
+    hypotheses: Sequence[Hypothesis],
+    *,
+    probabilities: Mapping[str, float],
+    verdict: str,
+    rivals: Sequence[str] = (),
 ) -> Figure:
-    """Draw gain and probability of each explanation; marks the answer and its rivals."""
-    n = len(hypotheses)
-    others = [e for e in confusion if e != verdict]
+    """Draw probability and gain of each cause; marks the one that is named, and its rivals.
+
+    ``probabilities``: of single causes, most likely first; what else was calibrated comes below.
+    """
+    fitted = {h.effect: h for h in hypotheses}
+    rows = list(dict.fromkeys([*probabilities, *fitted]))
+    n = len(rows)
+    named = "" if verdict in ("none", "unknown", "contact_law") else verdict
+    others = rivals if named else ()
     note = phrase(
-        "Left: by how much the energy score of held-out rocks falls below that of the calibrated "
-        "base model, with 95 % interval (rocks resampled); above zero is better. Right: "
-        "probability of being the cause. Vermilion: the answer."
+        "Left: probability of being the cause. Right: by how much the energy score of held-out "
+        "rocks falls below that of the calibrated base model, with 95 % interval (rocks "
+        "resampled); above zero is better. Only what was calibrated has a score."
     )
-    if others:
-        note = joined(" ", (note, phrase("Blue: not separated from it by these data.")))
-    sheet = style.Sheet("Explanations that were tried", note, 0.29 * n + 0.6)
-    gains, shares = sheet.figure.subplots(1, 2, width_ratios=(1.6, 1.0))
+    marked = [phrase("Vermilion: the cause that is named.")] if named in rows else []
+    if any(e in rows for e in others):
+        marked.append(phrase("Blue: not separated from it by these data."))
+    note = joined(" ", (note, *marked))
+    sheet = style.Sheet("Causes, most likely first", note, 0.31 * n + 0.6)
+    shares, gains = sheet.figure.subplots(1, 2, width_ratios=(1.0, 1.6))
     gains.axvline(0.0, color=style.GREY, lw=0.8, zorder=1)
-    for i, hypothesis in enumerate(hypotheses):
-        named = hypothesis.effect == verdict
-        colour = (
-            style.VERMILION if named else style.BLUE if hypothesis.effect in others else style.GREY
-        )
-        if hypothesis.ci95[0] < hypothesis.ci95[1]:
-            _interval(gains, i, hypothesis.ci95, colour)
-        if math.isfinite(hypothesis.gain):
+    for i, name in enumerate(rows):
+        colour = style.VERMILION if name == named else style.BLUE if name in others else style.GREY
+        share = probabilities.get(name, math.nan)
+        if math.isfinite(share):
+            bar = style.LIGHT if colour == style.GREY else colour
+            shares.barh(i, share, 0.6, color=bar, gid=f"share-{name}")
+            text = f"{100 * min(share, words.MOST_SURE):.0f} %" if share >= 0.005 else "< 1 %"
+            shares.text(share + 0.02, i, text, va="center", size=style.SMALL)
+        hypothesis = fitted.get(name)
+        if hypothesis is not None and math.isfinite(hypothesis.gain):
+            colour = colour if hypothesis.ci95[0] > 0.0 else style.GREY
+            if hypothesis.ci95[0] < hypothesis.ci95[1]:
+                _interval(gains, i, hypothesis.ci95, colour)
             gains.plot([hypothesis.gain], [i], "o", ms=4.5, color=colour, zorder=5, gid="gain")
-        share = hypothesis.probability if math.isfinite(hypothesis.probability) else 0.0
-        bar = style.LIGHT if colour == style.GREY else colour
-        shares.barh(i, share, 0.6, color=bar, gid=f"share-{hypothesis.effect}")
-        text = f"{100 * share:.0f} %" if share >= 0.005 else "< 1 %"
-        shares.text(share + 0.02, i, text, va="center", size=style.SMALL)
-    names = [
-        joined("\n", filter(None, (words.effect_name(h.effect), style.wrap(h.form, 2.4))))
-        for h in hypotheses
+    forms = {name: style.wrap(h.form, 2.4) for name, h in fitted.items() if h.form}
+    labels = [
+        joined("\n", filter(None, (words.effect_name(name), forms.get(name)))) for name in rows
     ]
-    gains.set_yticks(range(n), [translated(name) for name in names])
-    for label, hypothesis in zip(gains.get_yticklabels(), hypotheses, strict=True):
-        label.set_fontweight("bold" if hypothesis.effect == verdict else "normal")
-    shares.set_yticks([])
+    shares.set_yticks(range(n), [style.wrap(translated(label), 2.4) for label in labels])
+    for label, name in zip(shares.get_yticklabels(), rows, strict=True):
+        label.set_fontweight("bold" if name == verdict else "normal")
+    gains.set_yticks([])
     for ax, title in ((gains, "gain in score"), (shares, "probability")):
         ax.set_title(title, size=style.TEXT)
         _rows_only(ax, n, 0.55)

@@ -169,8 +169,10 @@ def finish(
     rows = {round(ax.get_window_extent().y0): ax for ax in axes}
     bars = [ax for ax in sheet.figure.axes if ax.get_label() == "legend"]
     heights = []
-    for ax in rows.values():
-        top, *below = filter(None, (own.get_tightbbox() for own in (ax, *bars)))
+    for y, ax in rows.items():
+        # A bar beside several rows belongs to none of them; only the lowest has signs below it.
+        signs = bars if y == min(rows) else []
+        top, *below = filter(None, (own.get_tightbbox() for own in (ax, *signs)))
         heights.append(float(top.y1 - min(box.y0 for box in (top, *below))))
     sheet.set_height((sum(heights) + 8.0 * len(heights)) / dpi)
     sheet.figure.draw_without_rendering()

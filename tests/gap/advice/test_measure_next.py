@@ -12,9 +12,11 @@ from sassgis.gap.advice.measure_next import (
     Separation,
     best_measurement,
     new_places,
+    not_testable,
     recorded_rocks,
     separations,
 )
+from sassgis.gap.causes.all_causes import CAUSES
 from sassgis.gap.forward.released_rocks import HypothesisModel, MeasurementError
 from sassgis.gap.forward.rock_lines import RockLines, rock_lines_of
 from sassgis.gap.observations.case import Case
@@ -43,7 +45,7 @@ def between(
 def test_models_that_are_alike_are_not_told_apart(case: Case, lines: RockLines) -> None:
     found = between(case, lines, BASE, BASE)
     assert (found.what, found.rocks) == ("", 0)
-    assert "No measurement" in found.sentence and "calibration alone" in found.sentence
+    assert "No measurement" in found.sentence and "no missing effect" in found.sentence
     assert separations(case, lines, {"none": [BASE]}, 4) == ()
 
 
@@ -102,3 +104,21 @@ def test_stations_are_put_where_there_are_none_yet() -> None:
     there = np.nanmedian(seen.station_s, axis=0)
     left_out = np.setdiff1d(places[1], places[0])
     assert np.abs(there[:, None] - left_out).min(axis=0).max() < 0.08 * places[1][-1] / 0.8
+
+
+def test_what_cannot_be_tested_is_one_line_with_what_shows_most_first() -> None:
+    seen = observed(20, 3, tables=("deposits",)).observations
+    said = not_testable(seen, ("trees", "fragmentation", "contact_law", "soft_ground", "air_drag"))
+    assert said.startswith("Not testable with these data: ") and said.count(". ") == 0
+    # A table alone comes with all the causes that it shows, each cause once.
+    groups = [own.rpartition(" (record ") for own in said[:-1].partition(": ")[2].split("; ")]
+    sizes = [len(names.split(", ")) for names, _, _ in groups]
+    assert sizes[0] == max(sizes) and sum(sizes) == 4
+    # What every table is there for needs more rocks.
+    full = observed(20, 3).observations
+    needed = {t for own in CAUSES["fragmentation"].statistics for t in own.tables}
+    there = all(len(full.tables[name]) for name in needed)
+    assert there
+    said = not_testable(full, ("fragmentation",))
+    assert said == "Not testable with these data: fragmentation (record more rocks)."
+    assert not_testable(full, ()) == ""

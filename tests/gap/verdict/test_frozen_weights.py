@@ -30,5 +30,6 @@ def test_the_weights_are_those_of_the_rows(study: ModuleType) -> None:
 
 
 def test_the_page_has_the_figures_of_the_results(study: ModuleType) -> None:
-    text = study.PAGE.read_text(encoding="utf-8")
-    assert study.filled(text) == text
+    for page, filled in ((study.PAGE, study.filled), (study.GAP_PAGE, study.with_headline)):
+        text = page.read_text(encoding="utf-8")
+        assert filled(text) == text
