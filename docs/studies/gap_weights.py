@@ -51,12 +51,10 @@ from sassgis.gap.diagnosis import CauseGain, Fingerprint
 from sassgis.gap.fit.hypothesis_fit import CONTACT_LAW, NONE, UNKNOWN, HypothesisFits
 from sassgis.gap.fit.linear_fit import summary_of
 from sassgis.gap.fit.site_data import site_data_of
+from sassgis.gap.forward.campaign_case import with_campaign
 from sassgis.gap.forward.observation_operator import campaigns
 from sassgis.gap.forward.released_rocks import configured_model
 from sassgis.gap.forward.rock_lines import rock_lines_of
-from sassgis.gap.observations.case import Campaign, Case
-from sassgis.gap.observations.projection import Projected
-from sassgis.gap.observations.tables import Deposits, Impacts, Passages, Trajectories
 from sassgis.gap.residuals.residual_table import residuals_of
 from sassgis.gap.residuals.rock_residuals import holm_adjusted
 from sassgis.gap.verdict.evidence import Evidence, evidence_of_site
@@ -73,7 +71,7 @@ from sassgis.gap.verdict.verdict import (
     where,
 )
 from sassgis.gap.words import quantity_name
-from sassgis.grid import FloatArray, IntArray
+from sassgis.grid import FloatArray
 from sassgis.inputs.observation_values import THRESHOLDS, read_thresholds, thresholds_of
 from sassgis.runs.calibrate import prepared_case
 from sassgis.simulation.workers import one_algebra_thread, task_map
@@ -233,36 +231,6 @@ def truth_of(row: Row) -> Truth:
 
 # ---------------------------------------------------------------------------------------------
 # Level of the check of the base
-
-
-def with_campaign(case: Case, made: Campaign) -> Case:
-    """The case with what a campaign of a model shows in the place of what was observed."""
-    names, stations = np.array(case.observations.rock_names), np.array(case.station_names)
-    put = dict(case.projected)
-    tables: dict[str, Any] = {"trajectories": Trajectories.of()}
-
-    def place(table: str, rock: IntArray, s: FloatArray, aside: FloatArray) -> None:
-        blank = np.full(rock.size, math.nan)
-        put[table] = Projected(case.line[rock], s, aside, blank, blank, np.zeros(rock.size, "i1"))
-
-    if (rows := made.passages) is not None:
-        tables["passages"] = Passages.of(
-            rock_id=names[rows.rock], station=stations[rows.station], speed_mps=rows.speed_mps,
-            rotation_hz=rows.rotation_hz, height_m=rows.height_m, mass_kg=rows.mass_kg,
-        )  # fmt: skip
-        place("passages", rows.rock, case.station_s[rows.rock, rows.station], rows.lateral_m)
-    if (left := made.deposits) is not None:
-        tables["deposits"] = Deposits.of(rock_id=names[left.rock], mass_kg=left.mass_kg)
-        place("deposits", left.rock, left.s, left.lateral_m)
-    if (hit := made.impacts) is not None:
-        tables["impacts"] = Impacts.of(
-            rock_id=names[hit.rock], impact=np.arange(hit.rock.size).astype(np.str_), z=hit.z,
-            slope_deg=hit.slope_deg, turn_deg=hit.turn_deg, vt_in_mps=hit.vt_in,
-            vn_in_mps=hit.vn_in, omega_in_radps=hit.spin_in, vt_out_mps=hit.vt_out,
-            vn_out_mps=hit.vn_out, omega_out_radps=hit.spin_out,
-        )  # fmt: skip
-        place("impacts", hit.rock, hit.s, np.zeros(hit.rock.size))
-    return replace(case, observations=replace(case.observations, **tables), projected=put)
 
 
 def make_level(folder: Path) -> None:

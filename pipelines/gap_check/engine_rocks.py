@@ -25,7 +25,7 @@ from sassgis.engine.effects.trees import Trees
 from sassgis.engine.effects.wind import Wind
 from sassgis.engine.simulate import Simulated
 from sassgis.engine.simulate_paths import PathTerrain, follow
-from sassgis.gap.forward.observation_operator import impacts_of, turns_of
+from sassgis.gap.forward.observation_operator import film, impacts_of, turns_of
 from sassgis.grid import Grid
 from sassgis.inputs.ground_map import built_in_table
 from sassgis.settings.blocks import BlockPopulation, EffectSettings
@@ -46,6 +46,8 @@ _SPREAD = {
     "restitution": 0.08,
 }  # fmt: skip
 _LIMITS = {"eta_max": (0.2, 1.0), "dp_min": (0.0, 0.5), "restitution": (0.0, 0.9)}
+
+_FILMED = ["t_s", "x", "y", "z", "speed_mps", "rotation_hz"]
 
 #: Each effect by its share of the way from its weakest to its strongest parameter.
 _SETTINGS: dict[str, Callable[[PlacedEffect], Any]] = {
@@ -234,43 +236,15 @@ def _impacts(
 
 
 def _tracks(grid: Grid, events: NDArray[np.void], index: IntArray) -> pd.DataFrame:
-    """Films of whole rocks: between two events the path is a cubic with their speeds."""
+    """Films of whole rocks."""
     x, y = _places(grid, events)
     tables = [table_of("tracks", [])]
     ends = np.searchsorted(index, np.arange(index.max(initial=-1) + 2))
     for rock, (first, last) in enumerate(zip(ends[:-1].tolist(), ends[1:].tolist(), strict=True)):
-        own = events[first:last]
-        t = np.arange(0.0, own["t_s"][-1], FILM_S) if own.size > 1 else np.empty(0)
-        k = np.clip(np.searchsorted(own["t_s"], t, side="right") - 1, 0, max(own.size - 2, 0))
-        a, b = own[k], own[k + 1]
-        h = np.maximum(b["t_s"] - a["t_s"], 1e-9)
-        u = (t - a["t_s"]) / h
-        s, vs = _cubic(u, h, a["x_m"], b["x_m"], a["vx_mps"], b["vx_mps"])
-        z, vz = _cubic(u, h, a["z_m"], b["z_m"], a["vz_mps"], b["vz_mps"])
-        way = b["x_m"] - a["x_m"]
-        share = np.where(np.abs(way) > 1e-6, (s - a["x_m"]) / np.where(way == 0.0, 1.0, way), u)
-        spin = a["omega_radps"] + u * (b["omega_radps"] - a["omega_radps"])
-        tables.append(
-            pd.DataFrame(
-                {
-                    "rock": rock, "piece": 0, "block": ROCK, "t_s": t,
-                    "x": x[first + k] + share * (x[first + k + 1] - x[first + k]),
-                    "y": y[first + k] + share * (y[first + k + 1] - y[first + k]),
-                    "z": z, "speed_mps": np.hypot(vs, vz),
-                    "rotation_hz": np.abs(spin) / (2.0 * math.pi),
-                }
-            )
-        )  # fmt: skip
+        own = slice(first, last)
+        points = pd.DataFrame(film(events[own], x[own], y[own], FILM_S).T, columns=_FILMED)
+        tables.append(points.assign(rock=rock, piece=0, block=ROCK))
     return pd.concat(tables)
-
-
-def _cubic(
-    u: FloatArray, h: FloatArray, a: FloatArray, b: FloatArray, va: FloatArray, vb: FloatArray
-) -> tuple[FloatArray, FloatArray]:
-    """Value and rate of the cubic with given values and rates at both ends, at a share of h."""
-    way, da, db = b - a, va * h, vb * h
-    c2, c3 = 3.0 * way - 2.0 * da - db, da + db - 2.0 * way
-    return a + u * (da + u * (c2 + u * c3)), (da + u * (2.0 * c2 + u * 3.0 * c3)) / h
 
 
 def _places(grid: Grid, events: NDArray[np.void]) -> tuple[FloatArray, FloatArray]:

@@ -68,14 +68,27 @@ def calibrate(
 @command(
     click.argument("path", type=PATH),
     click.option("--crs", help="Coordinate system of a .gpkg, as EPSG:2056; best that of the DEM."),
+    click.option(
+        "--site", type=PATH, metavar="CONFIG",
+        help="Simulate which effects 20, 40 and 100 rocks would show there, too; some minutes.",
+    ),
+    JOBS,
     short_help="Write empty tables of observations.",
-    example="gap template observed",
-)
-def template(path: Path, crs: str | None) -> None:
+    example="gap template observed --site sassgis.toml",
+)  # fmt: skip
+def template(path: Path, crs: str | None, site: Path | None, jobs: int | None) -> None:
     """Write empty tables of observations: a .gpkg, or a folder of CSV files."""
-    from sassgis.outputs.site_template import observations_template
+    if site is None:
+        from sassgis.outputs.site_template import observations_template
 
-    click.echo(f"Wrote {observations_template(path, crs=crs)}. Leave out what you did not measure.")
+        observations_template(path, crs=crs)
+    else:
+        from sassgis.runs.plan_campaign import plan_campaign
+
+        with at_work({"jobs": jobs}) as how:
+            power = plan_campaign(path, site, crs=crs, **how)
+        printed(power)
+    click.echo(f"Wrote {path}. Leave out what you did not measure.")
 
 
 @command(

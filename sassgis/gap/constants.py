@@ -65,7 +65,10 @@ PROLONG_M = 100.0  # stations are prolonged: a fall line may pass just next to o
 AHEAD_SHARES = (0.5, 1.5)  # of an error along the line that rocks have at least and at most
 LEAVING_RUNS = 8  # releases of each rock to count those that leave
 #: Events kept in the log of a block; later ones are not seen. Slow rocks have many contacts.
-LOGGED_EVENTS: Mapping[str, int] = {"impacts": 160, "contacts": 400}
+LOGGED_EVENTS: Mapping[str, int] = {
+    "impacts": 160, "contacts": 400, "trajectories": 400,
+}  # fmt: skip
+PATH_STEP_S = 0.1  # between two points of a simulated path in time, as a film gives them
 DIRECTION_M = 1.0  # length over which the direction of a fall line is taken
 START_INSIDE_M = 1.0  # least distance of starts from where the ground behind a line ends
 FEWEST_PAIRS = 10  # pairs of contacts from which the shortest time between two is taken
@@ -403,3 +406,10 @@ LEAST_DIFFERENCE, SURE_DIFFERENCE, SEPARATION_ROCKS = 0.2, 2.0, 5
 WARNED_GROUPS = 4  # with fewer groups of rocks a warning is given
 WARNED_LEAVING = 0.01  # share of rocks that leave the terrain from which it is said
 WARNED_LIMIT = 0.02  # share of a range, at its ends, in which a value is at its limit
+#: Stations of a planned campaign, as shares of the way to the middle of the stops; nearer stops
+#: leave nothing to plan.
+PLANNED_ROCKS = (20, 40, 100)
+PLANNED_STATIONS, LEAST_PLANNED_M = (0.4, 0.6, 0.8), 10.0
+#: Weak, medium, strong: the middle of each third of the range of a parameter.
+STRENGTH_SHARES: Mapping[str, float] = {"weak": 1 / 6, "medium": 1 / 2, "strong": 5 / 6}
+POWER_CAMPAIGNS, POWER_NUMBER = 5, 7000  # of each cause and strength, and number of the first

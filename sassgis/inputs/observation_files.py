@@ -33,8 +33,8 @@ from sassgis.settings.schema import InMemory, Input
 AnyObservations = str | Path | Mapping[str, Any]
 
 _METADATA = "metadata"
-#: Tables of a GeoPackage that are not about rocks.
-_FOREIGN = frozenset({"layer_styles", "run_metadata"})
+#: Tables that are not about rocks: of a GeoPackage, and what a template says of a campaign.
+_FOREIGN = frozenset({"layer_styles", "run_metadata", "power"})
 
 
 def observation_source(given: AnyObservations) -> Path | dict[str, InMemory]:

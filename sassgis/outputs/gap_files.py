@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import csv
+import io
+import itertools
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -12,7 +15,8 @@ import tomli_w
 import sassgis
 from sassgis.engine.effects.lateral_deflection import LateralDeflection
 from sassgis.files.atomic_output import write_json, write_text, writing
-from sassgis.gap.constants import COMPARED_QUANTILES
+from sassgis.gap.advice.power import STRENGTHS, TABLE_SETS, CampaignPower
+from sassgis.gap.constants import COMPARED_QUANTILES, PLANNED_ROCKS
 from sassgis.gap.diagnosis import Diagnosis, as_json
 from sassgis.gap.fit.class_calibration import SiteCalibration, SiteResult
 from sassgis.gap.fit.fit_errors import QuantityErrors
@@ -320,3 +324,18 @@ def write_calibrated_config(path: Path, config: Config, calibration: SiteCalibra
     ]
     write_runnable(path, comments, document)
     return path
+
+
+def write_power(path: Path, power: CampaignPower) -> None:
+    """Write which effects campaigns would name: a row for each cause, set of tables and rocks."""
+    text = io.StringIO()
+    table = csv.writer(text, lineterminator="\n")
+    table.writerow(("cause", "tables", "rocks", "weakest_named", "parameter", "value"))
+    for cause, (k, tables), rocks in itertools.product(
+        power.causes, enumerate(TABLE_SETS), PLANNED_ROCKS
+    ):
+        least = power.least(cause, k, rocks)
+        stated = ("", "") if least is None else (STRENGTHS[cause].reported, f"{least.value:.3g}")
+        strength = "not named" if least is None else least.trial.strength
+        table.writerow((cause, " ".join(sorted(tables)), rocks, strength, *stated))
+    write_text(path, text.getvalue())

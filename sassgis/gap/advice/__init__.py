@@ -1,5 +1,6 @@
-"""Advice on settings and on the next measurements, in sentences.
+"""Advice on settings, on the next measurements and on campaigns that are planned, in sentences.
 
-In: a fitted hypothesis and a ``Verdict``, or only tables. Out: gaps of models, settings, the first
-sentence, measurements. Imports fit, words, diagnosis and all rooms before; no verdicts are made.
+In: a fitted hypothesis and a ``Verdict``, only tables, or only a configuration. Out: gaps of
+models, settings, the first sentence, measurements, powers. Imports verdict, words and all rooms
+before.
 """

@@ -18,7 +18,7 @@ from sassgis.engine.effects.fragmentation import Fragmentation
 from sassgis.engine.ellipse import mean_radius
 from sassgis.engine.simulate import moving_axes
 from sassgis.engine.state import END, EVENT_DTYPE, FLIGHT, IMPACT
-from sassgis.gap.constants import AHEAD_SHARES, LEAVING_RUNS, LOGGED_EVENTS
+from sassgis.gap.constants import AHEAD_SHARES, LEAVING_RUNS, LOGGED_EVENTS, PATH_STEP_S
 from sassgis.gap.forward.released_rocks import (
     HypothesisModel,
     Moved,
@@ -42,12 +42,14 @@ from sassgis.gap.observations.case import (
     DepositRows,
     ImpactRows,
     PassageRows,
+    PathRows,
     main_blocks,
 )
 from sassgis.gap.observations.projection import ContactRows, contact_numbers
 from sassgis.grid import FloatArray, Grid, IntArray
 from sassgis.settings.results import StopReason
 from sassgis.terrain.cells import heights_at
+from sassgis.terrain.flatten import chainage_to_xy
 
 
 def observe(
@@ -69,13 +71,14 @@ def observe(
     deposits = record.deposits() if "deposits" in tables else None
     impacts = record.impacts() if "impacts" in tables else None
     contacts = record.contacts() if "contacts" in tables else None
+    paths = record.paths() if "trajectories" in tables else None
     n = case.n_rocks
     return [
         Campaign(
             n,
             *(
                 None if rows is None else _of_campaign(rows, k, n)
-                for rows in (passages, deposits, impacts, contacts)
+                for rows in (passages, deposits, impacts, contacts, paths)
             ),
         )
         for k in range(count)
@@ -234,8 +237,9 @@ class _Record:
         # Where the ground was met: the foot of the centre on the segment.
         off = ((before["z_m"] - ground) * cosine)[first]
         error = np.hypot(errors.position_m, m.position_m)
-        s = x[first]
+        s, place = x[first], np.full((2, x.size), np.nan)
         if self._case.terrain is not None:
+            place = np.stack([x, y])
             s = in_plane(self._case, owner % self._n, x[first], y[first])[0]
         s = s + off * sine[first] + error * self._rng.standard_normal(n)
         z = before["z_m"][first] - off * cosine[first] + error * self._rng.standard_normal(n)
@@ -245,6 +249,7 @@ class _Record:
             rock=owner, s=np.maximum(s, 0.0), z=z, vt_in=vt_in[first], vn_in=vn_in[first],
             spin_in=spin_in[first], vt_out=vt_out[last], vn_out=vn_out[last],
             spin_out=spin_out[last], turn_deg=turn, slope_deg=-np.degrees(dip[first]),
+            x=place[0][first], y=place[1][first],
         )  # fmt: skip
 
     def contacts(self) -> ContactRows:
@@ -283,6 +288,32 @@ class _Record:
         return ContactRows(
             rock=owner, start_s=start, end_s=end, x=x, y=y, z=z, rotation_before_hz=before,
             rotation_after_hz=turned,
+        )  # fmt: skip
+
+    def paths(self) -> PathRows:
+        """Return points of whole rocks at even times, as films show them."""
+        logs, case = self._moved.event_logs, self._case
+        line, campaign = np.divmod(np.arange(len(logs)), self._count)
+        films = []
+        for log, on, rock in zip(logs, case.line[line], line + campaign * self._n, strict=True):
+            if case.terrain is None:
+                x, y = chainage_to_xy(case.traces, np.full(log.size, on), log["x_m"])
+            else:
+                x, y = _places(case.terrain.grid, log)
+            points = film(log, x, y, PATH_STEP_S)
+            films.append(np.vstack([np.full(points.shape[1], rock), points]))
+        rock, t, *places, speed, rotation = np.concatenate([np.empty((7, 0)), *films], axis=1)
+        owner = rock.astype(np.int64)
+        errors, m = self._errors, self._model.measurement
+        error = math.hypot(errors.position_m, m.position_m)
+        x, y, z = (v + error * self._rng.standard_normal(owner.size) for v in places)
+        turned = m.rotation_scale * self._speed_error(
+            owner, math.hypot(errors.rotation_rel, m.rotation_noise)
+        )
+        return PathRows(
+            rock=owner, t_s=t * self._clock[owner], x=x, y=y, z=z,
+            speed_mps=speed * m.scale * self._speed_error(owner, errors.speed_rel),
+            rotation_hz=rotation * turned,
         )  # fmt: skip
 
     def _under(
@@ -325,6 +356,35 @@ def _places(grid: Grid, events: NDArray[np.void]) -> tuple[FloatArray, FloatArra
     x: FloatArray = grid.west + events["u"] * grid.cell_size
     y: FloatArray = grid.north - events["v"] * grid.cell_size
     return x, y
+
+
+def film(log: NDArray[np.void], x: FloatArray, y: FloatArray, step_s: float) -> FloatArray:
+    """Return time, x, y, z, speed and turns per second of a block at even times, shape (6, n).
+
+    Between two events the path is a cubic with their speeds. ``log``: events of the block
+    (EVENT_DTYPE); ``x``, ``y``: where they are (m).
+    """
+    t = np.arange(0.0, log["t_s"][-1], step_s) if log.size > 1 else np.empty(0)
+    k = np.clip(np.searchsorted(log["t_s"], t, side="right") - 1, 0, max(log.size - 2, 0))
+    a, b = log[k], log[k + 1]
+    h = np.maximum(b["t_s"] - a["t_s"], 1e-9)
+    u = (t - a["t_s"]) / h
+    s, vs = _cubic(u, h, a["x_m"], b["x_m"], a["vx_mps"], b["vx_mps"])
+    z, vz = _cubic(u, h, a["z_m"], b["z_m"], a["vz_mps"], b["vz_mps"])
+    way = b["x_m"] - a["x_m"]
+    share = np.where(np.abs(way) > 1e-6, (s - a["x_m"]) / np.where(way == 0.0, 1.0, way), u)
+    spin = a["omega_radps"] + u * (b["omega_radps"] - a["omega_radps"])
+    places = (v[k] + share * (v[k + 1] - v[k]) for v in (x, y))
+    return np.stack([t, *places, z, np.hypot(vs, vz), np.abs(spin) / (2.0 * math.pi)])
+
+
+def _cubic(
+    u: FloatArray, h: FloatArray, a: FloatArray, b: FloatArray, va: FloatArray, vb: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Return value and rate of the cubic with values and rates at both ends, at a share of h."""
+    way, da, db = b - a, va * h, vb * h
+    c2, c3 = 3.0 * way - 2.0 * da - db, da + db - 2.0 * way
+    return a + u * (da + u * (c2 + u * c3)), (da + u * (2.0 * c2 + u * 3.0 * c3)) / h
 
 
 def contacts_in(events: NDArray[np.void], index: IntArray) -> tuple[IntArray, IntArray]:

@@ -391,6 +391,22 @@ class ImpactRows:
     spin_out: FloatArray
     turn_deg: FloatArray  # in plan, clockwise; NaN of rocks that tumble on (``Case.turns``)
     slope_deg: FloatArray  # dip of the ground along the travel
+    # On the map (m); NaN where unknown, as of simulated rocks that keep to their fall lines.
+    x: FloatArray
+    y: FloatArray
+
+
+@dataclass(frozen=True, slots=True)
+class PathRows:
+    """Points of paths of whole rocks, by rock and time; columns of shape (n,)."""
+
+    rock: IntArray
+    t_s: FloatArray
+    x: FloatArray
+    y: FloatArray
+    z: FloatArray
+    speed_mps: FloatArray
+    rotation_hz: FloatArray
 
 
 @dataclass(frozen=True, slots=True)
@@ -402,6 +418,7 @@ class Campaign:
     deposits: DepositRows | None
     impacts: ImpactRows | None
     contacts: ContactRows | None = None
+    paths: PathRows | None = None  # simulated ones; observed paths are read from their table
 
 
 @dataclass(frozen=True, slots=True)
@@ -481,7 +498,7 @@ def _impacts(case: Case) -> ImpactRows:
         rock, put.s, np.where(np.isfinite(table.z), table.z, put.ground_m),
         table.vt_in_mps, table.vn_in_mps, table.omega_in_radps,
         table.vt_out_mps, table.vn_out_mps, table.omega_out_radps,
-        turn_deg, table.slope_deg,
+        turn_deg, table.slope_deg, table.x, table.y,
     )  # fmt: skip
     return ImpactRows(*(values[order] for values in columns))
 
