@@ -57,7 +57,7 @@ from sassgis.gap.forward.released_rocks import configured_model
 from sassgis.gap.forward.rock_lines import rock_lines_of
 from sassgis.gap.residuals.residual_table import residuals_of
 from sassgis.gap.residuals.rock_residuals import holm_adjusted
-from sassgis.gap.verdict.evidence import Evidence, evidence_of_site
+from sassgis.gap.verdict.evidence import Evidence, evidence_of_site, located
 from sassgis.gap.verdict.verdict import (
     FEATURES,
     CauseWeights,
@@ -68,7 +68,6 @@ from sassgis.gap.verdict.verdict import (
     evidence_of,
     large_gaps,
     seen_of,
-    where,
 )
 from sassgis.gap.words import quantity_name
 from sassgis.grid import FloatArray
@@ -246,14 +245,16 @@ def make_level(folder: Path) -> None:
         case = prepared_case(own / "config.toml", own / "observations", 1, 1.0)
         model = configured_model(case)
         made = campaigns(case, rock_lines_of(case), model, count=CAMPAIGNS, seed=seed)
-        large = []
+        large, sound = [], []
         for one in made:
             seen = with_campaign(case, one)
-            large.append(large_gaps(where(seen, residuals_of(seen, model, seed=1), seed=1)))
+            findings, is_sound, _ = located(seen, residuals_of(seen, model, seed=1), 1)
+            sound.append(is_sound)
+            large.append([] if is_sound else large_gaps(findings))
         against = Counter(f"{f.test}: {f.quantity}" for found in large for f in found)
         learned = case.learned
         spins = ("", "") if learned is None else (learned.spin_scale, learned.spin_noise)
-        rows.append((site, spec.law, spec.kind, len(large), sum(map(bool, large)),
+        rows.append((site, spec.law, spec.kind, len(sound), len(sound) - sum(sound),
                      "; ".join(sorted(against)), *spins))  # fmt: skip
         print(*rows[-1], flush=True)
     with LEVEL.open("w", encoding="utf-8", newline="") as stream:
