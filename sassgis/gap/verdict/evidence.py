@@ -10,6 +10,7 @@ from sassgis.gap.causes.trees_cause import losses_at_one_place
 from sassgis.gap.constants import (
     CHOSEN_COUNT,
     CONFIGURED_NUMBER,
+    LEAST_SHARE,
     PLAUSIBLE_AT_ONCE,
     PLAUSIBLE_FITS,
     REPLICATES,
@@ -55,9 +56,9 @@ from sassgis.gap.verdict.verdict import (
     seen_of,
     where,
 )
-from sassgis.gap.words import effect_key
+from sassgis.gap.words import effect_key, quantity_name, tested_by
 from sassgis.grid import FloatArray
-from sassgis.settings.languages import phrase
+from sassgis.settings.languages import joined, phrase
 
 
 def configured_as_observed(made: HypothesisFits) -> HypothesisModel:
@@ -156,7 +157,28 @@ def evidence_of_site(made: HypothesisFits) -> AddedCauses:
             findings, sound, law = left
             notes = (*found.notes, note)
             found = replace(found, findings=findings, sound=sound, law=law, notes=notes)
+    if found.sound and (said := law_in_words(found.law)):
+        found = replace(found, notes=(*found.notes, said))
     return replace(added, evidence=found)
+
+
+def law_in_words(law: Sequence[Discrepancy]) -> str:
+    """State the discrepancy of the law that the base needs; "" if no share of it is certain."""
+    certain = [one for one in law if abs(one.share) > max(2.0 * one.error, LEAST_SHARE)]
+    said = [
+        phrase(
+            "{} {} % ({})",
+            quantity_name(one.quantity),
+            f"{100.0 * one.share:+.0f}".replace("-", "\u2212"),
+            tested_by(one.test),
+        )
+        for one in certain
+    ]
+    text = (
+        "Beyond calibration the law of motion differs from these rocks by a share that is alike on "
+        "the whole slope: {}. Causes are sought beyond that."
+    )
+    return phrase(text, joined(", ", said)) if said else ""
 
 
 def first_adequate(made: HypothesisFits, draws: Sequence[HypothesisDraw]) -> Located | None:

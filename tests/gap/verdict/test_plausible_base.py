@@ -5,7 +5,8 @@ from __future__ import annotations
 from sassgis.gap.fit.hypothesis_fit import CONTACT_LAW, HypothesisDraw, HypothesisFits
 from sassgis.gap.fit.linear_fit import summary_of
 from sassgis.gap.fit.site_data import SiteData
-from sassgis.gap.verdict.evidence import first_adequate
+from sassgis.gap.residuals.discrepancy import Discrepancy
+from sassgis.gap.verdict.evidence import first_adequate, law_in_words
 from sassgis.gap.verdict.verdict import large_gaps
 from sassgis.simulation.workers import task_map
 
@@ -23,3 +24,14 @@ def test_one_right_model_is_enough(problem: SiteData) -> None:
         # What is told is where the gap lies with that model.
         assert left == first_adequate(made, [right])
         assert {f.place for f in left[0]} and not large_gaps(left[0])
+
+
+def test_certain_shares_of_the_law_are_stated() -> None:
+    law = (
+        Discrepancy("free run", "speed_mps", 0.16, 0.0, 0.02),
+        Discrepancy("reach", "rotation_hz", -0.2, 0.0, 0.03),
+        Discrepancy("reach", "height_m", 0.2, 0.0, 0.15),
+    )
+    said = law_in_words(law)
+    assert "speed +16 % (from the release), rotation \u221220 %" in said and "height" not in said
+    assert law_in_words(law[2:]) == ""
