@@ -94,7 +94,8 @@ def ladder(case: str) -> str:
 
     def shown(one: dict[str, Any]) -> str:
         if one["share"] is None:
-            return number(one["distance"])
+            # Unbiased: below zero is not distinguishable from chance.
+            return number(one["distance"]) if one["distance"] > 0.0 else "chance"
         low, high = (f"{100 * v:.0f}".replace("-", "−") for v in one["ci95"])
         return f"{number(one['distance'])}: {100 * one['share']:.0f} % ({low} to {high})"
 
