@@ -326,11 +326,15 @@ def write_calibrated_config(path: Path, config: Config, calibration: SiteCalibra
     return path
 
 
+#: Columns of the table of planned campaigns.
+POWER_COLUMNS = ("cause", "tables", "rocks", "weakest_named", "parameter", "value")
+
+
 def write_power(path: Path, power: CampaignPower) -> None:
     """Write which effects campaigns would name: a row for each cause, set of tables and rocks."""
     text = io.StringIO()
     table = csv.writer(text, lineterminator="\n")
-    table.writerow(("cause", "tables", "rocks", "weakest_named", "parameter", "value"))
+    table.writerow(POWER_COLUMNS)
     for cause, (k, tables), rocks in itertools.product(
         power.causes, enumerate(TABLE_SETS), PLANNED_ROCKS
     ):

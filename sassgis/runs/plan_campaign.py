@@ -10,8 +10,8 @@ from sassgis.errors import Interrupted, OutputError
 from sassgis.gap.advice.power import (
     CampaignPower,
     PlannedCampaign,
+    PlannedTrial,
     Power,
-    Trial,
     planned_case,
     powers_of,
     usual_rocks,
@@ -81,7 +81,8 @@ def plan_campaign(
             with task_map(planned, workers_asked(settings, jobs)) as tasks:
 
                 def reported(
-                    work: Callable[[PlannedCampaign, Trial], Power], trials: Sequence[Trial]
+                    work: Callable[[PlannedCampaign, PlannedTrial], Power],
+                    trials: Sequence[PlannedTrial],
                 ) -> Iterator[Power]:
                     rocks = 0
                     for done, power in zip(count(1), tasks(work, trials), strict=False):

@@ -5,7 +5,9 @@ from __future__ import annotations
 import re
 from pathlib import Path
 
+from sassgis.gap.constants import STRENGTH_SHARES
 from sassgis.inputs.observation_files import read_observations, validate_observations
+from sassgis.outputs.gap_files import POWER_COLUMNS
 from sassgis.settings.ground import RANGED
 
 
@@ -17,6 +19,7 @@ def test_the_protocol_and_the_templates_fit(repository: Path, tmp_path: Path, pr
     heads = {f.stem: f.read_text("utf-8").splitlines()[0].split(",") for f in folder.glob("*.csv")}
     keys = [row.rstrip(",") for row in (folder / "metadata.csv").read_text("utf-8").split()[1:]]
     known = {*heads, *keys, *(column for columns in heads.values() for column in columns)}
+    known |= {*POWER_COLUMNS, *STRENGTH_SHARES}
     assert named <= {*known, *RANGED}, named - known
     assert {"rocks", "deposits", "stations", "passages", "impacts", "metadata"} <= named
     words = keys[keys.index("passages_missed_share") + 1 :]

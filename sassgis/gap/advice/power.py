@@ -216,7 +216,7 @@ def in_tables(prints: Sequence[Fingerprint], tables: frozenset[str]) -> tuple[Fi
 
 
 @dataclass(frozen=True, slots=True)
-class Trial:
+class PlannedTrial:
     """Campaigns of some rocks with a cause of one strength."""
 
     cause: str
@@ -228,12 +228,12 @@ class Trial:
 class Power:
     """Whether four of five campaigns name a cause, for each of TABLE_SETS."""
 
-    trial: Trial
+    trial: PlannedTrial
     value: float  # of the parameter that makes it weak or strong
     named: tuple[bool, ...]
 
 
-def power_of(planned: PlannedCampaign, trial: Trial) -> Power:
+def power_of(planned: PlannedCampaign, trial: PlannedTrial) -> Power:
     """Make campaigns with a cause, until it is clear which tables name it often enough."""
     usual = planned.usual[trial.rocks]
     strength, share = STRENGTHS[trial.cause], STRENGTH_SHARES[trial.strength]
@@ -262,7 +262,9 @@ def _prints(case: Case, run: FreeRun) -> tuple[Fingerprint, ...]:
     return fingerprints(case, ResidualTable(run, rows, steps_of(case, run, rng)))
 
 
-Run = Callable[[Callable[[PlannedCampaign, Trial], Power], Sequence[Trial]], Iterable[Power]]
+Run = Callable[
+    [Callable[[PlannedCampaign, PlannedTrial], Power], Sequence[PlannedTrial]], Iterable[Power]
+]
 
 
 def powers_of(causes: Sequence[str], run: Run) -> list[Power]:
@@ -270,8 +272,8 @@ def powers_of(causes: Sequence[str], run: Run) -> list[Power]:
 
     What is not named of a stronger effect or with more rocks is not tried further.
     """
-    due = [Trial(name, _ORDER[-1], max(PLANNED_ROCKS)) for name in causes]
-    found: dict[Trial, Power] = {}
+    due = [PlannedTrial(name, _ORDER[-1], max(PLANNED_ROCKS)) for name in causes]
+    found: dict[PlannedTrial, Power] = {}
     while due:
         made = list(run(power_of, due))
         found |= {one.trial: one for one in made}
@@ -285,7 +287,7 @@ _WEAKER = dict(itertools.pairwise(_ORDER[::-1]))
 _FEWER = dict(itertools.pairwise(PLANNED_ROCKS[::-1]))
 
 
-def _harder(trial: Trial) -> Iterator[Trial]:
+def _harder(trial: PlannedTrial) -> Iterator[PlannedTrial]:
     """Yield trials of a weaker effect, and of fewer rocks."""
     if trial.strength in _WEAKER:
         yield replace(trial, strength=_WEAKER[trial.strength])

@@ -15,8 +15,8 @@ from sassgis.gap.advice.power import (
     TABLE_SETS,
     CampaignPower,
     PlannedCampaign,
+    PlannedTrial,
     Power,
-    Trial,
     in_tables,
     planned_case,
     power_of,
@@ -46,7 +46,7 @@ def planned(case: Case) -> PlannedCampaign:
     return PlannedCampaign({20: usual_rocks(case, 20, 1)}, FAMILIES, weights, thresholds, 1)
 
 
-def named(trial: Trial) -> tuple[bool, ...]:
+def named(trial: PlannedTrial) -> tuple[bool, ...]:
     """Name air drag by paths in time, fragments by masses, nothing else."""
     if trial.cause == "fragmentation":
         return (False, True, True, True)
@@ -54,8 +54,8 @@ def named(trial: Trial) -> tuple[bool, ...]:
     return (False, False, False, trial.cause == "air_drag" and drag)
 
 
-def run(tried: list[Trial]) -> Callable[..., Iterator[Power]]:
-    def work(_: object, trials: Sequence[Trial]) -> Iterator[Power]:
+def run(tried: list[PlannedTrial]) -> Callable[..., Iterator[Power]]:
+    def work(_: object, trials: Sequence[PlannedTrial]) -> Iterator[Power]:
         for own in trials:
             tried.append(own)
             yield Power(own, STRENGTH_SHARES[own.strength], named(own))
@@ -64,15 +64,15 @@ def run(tried: list[Trial]) -> Callable[..., Iterator[Power]]:
 
 
 def test_the_weakest_named_effect_is_found_and_what_cannot_be_named_is_not_tried() -> None:
-    tried: list[Trial] = []
+    tried: list[PlannedTrial] = []
     causes = ("air_drag", "fragmentation", "trees")
     power = CampaignPower(causes, tuple(powers_of(causes, run(tried))), (50.0,), 0.0, 0.0)
-    assert [t for t in tried if t.cause == "trees"] == [Trial("trees", "strong", 100)]
+    assert [t for t in tried if t.cause == "trees"] == [PlannedTrial("trees", "strong", 100)]
     assert len(tried) == len(set(tried))
     for cause in causes:
         for k in range(len(TABLE_SETS)):
             for rocks in PLANNED_ROCKS:
-                right = [s for s in STRENGTH_SHARES if named(Trial(cause, s, rocks))[k]]
+                right = [s for s in STRENGTH_SHARES if named(PlannedTrial(cause, s, rocks))[k]]
                 found = power.least(cause, k, rocks)
                 assert (found and found.trial.strength) == (right[0] if right else None)
     rows = power.lines()
@@ -115,6 +115,6 @@ def test_a_planned_campaign_has_measured_rocks_and_stations_before_they_stop(cas
 
 
 def test_strong_fragmentation_is_named_where_masses_lie(planned: PlannedCampaign) -> None:
-    found = power_of(planned, Trial("fragmentation", "strong", 20))
+    found = power_of(planned, PlannedTrial("fragmentation", "strong", 20))
     assert found.named == (False, True, True, True)
     assert found.value == pytest.approx(24.0, rel=0.05)
