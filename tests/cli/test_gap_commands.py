@@ -10,7 +10,7 @@ import pandas as pd
 import pytest
 from helpers.small_slope import Slope
 
-from sassgis.gap.advice.power import PlannedCampaign, Power, Trial
+from sassgis.gap.advice.power import PlannedCampaign, PlannedTrial, Power
 
 
 def test_what_a_filled_template_identifies_is_printed(tmp_path: Path, printed) -> None:
@@ -59,7 +59,7 @@ def test_what_a_diagnosis_would_refuse_of_the_configuration_is_refused(
 def test_a_template_for_a_site_says_what_a_campaign_would_name(
     slope: Slope, printed, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def power_of(planned: PlannedCampaign, trial: Trial) -> Power:
+    def power_of(planned: PlannedCampaign, trial: PlannedTrial) -> Power:
         assert {n: own.case.n_rocks for n, own in planned.usual.items()} == {
             20: 20,
             40: 40,
