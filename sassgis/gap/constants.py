@@ -157,11 +157,11 @@ LAW_QUANTITIES: Mapping[str, str] = {
     "hop_length_90": "height_m", "between_contacts": "height_m", "contacts": "height_m",
     "runout": "runout_m",
 }  # fmt: skip
+#: Standard deviation in shares of the speed before an impact, of the speeds along and off the
+#: ground and of the surface speed after it.
+LAW_OUTCOMES = (0.08, 0.08, 0.12)
 LEAST_SHARE = 0.1  # of a discrepancy from which on it is stated
 LEAST_SHARE_ERROR = 0.01  # of the mean of a place: errors of measurement that all rocks share
-#: The same as shares of the speed before an impact, of speed along and off the ground and of the
-#: surface speed after it.
-LAW_OUTCOMES = (0.08, 0.08, 0.12)
 
 # --- causes: all of them ---------------------------------------------------------------------
 

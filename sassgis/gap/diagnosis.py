@@ -48,16 +48,15 @@ class Verdict:
     #: Probability of the answer (0 to 1): of effects that they act, by itself or with others; NaN
     #: where none is given.
     confidence: float
-    #: What these data do not identify from it, itself included; groups where they do not separate
-    #: families of one apart.
+    #: What these data do not separate from it, itself included, most likely first.
     confusion_set: tuple[str, ...]
     #: Where the effect acts, as far as it is identifiable: phase of motion and reaches; "" and ()
     #: where it is not.
     phase: str = ""
     segments: tuple[str, ...] = ()
     reason: str = ""  # in a sentence
-    #: Of every cause that these data could show, of "none", and of "unknown" (an effect that they
-    #: cannot show, or no known one), by fingerprints and gains, most likely first.
+    #: Of every cause, of "none", and of "unknown" (no known effect), by fingerprints and gains,
+    #: most likely first.
     probabilities: Mapping[str, float] = field(default_factory=dict)
     #: Group of the cause, which is often sure where the cause itself is not: "instruments",
     #: "start", "extra blocks", "along the way", "contact", "sideways"; "" where not even that is.
@@ -69,8 +68,7 @@ class Verdict:
     #: law of motion.
     adequate: bool = False
     group_probability: float = math.nan  # of its causes together; NaN without a group
-    #: Causes that these data could not show: neither named nor excluded; counted as "unknown" in
-    #: the probabilities.
+    #: Causes that these data could not show: neither named nor excluded.
     cannot_exclude: tuple[str, ...] = ()
 
     @property

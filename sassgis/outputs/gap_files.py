@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import csv
-import io
 import itertools
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import pandas as pd
 import tomli_w
 
 import sassgis
@@ -26,6 +25,7 @@ from sassgis.inputs.config import load_config
 from sassgis.inputs.ground_map import read_ground_table
 from sassgis.inputs.in_memory import classes_frame
 from sassgis.outputs.config_template import written_document
+from sassgis.outputs.frames import write_table
 from sassgis.outputs.geopackage import write_geopackage
 from sassgis.outputs.layers import gap_map
 from sassgis.outputs.manifest import plain
@@ -332,14 +332,12 @@ POWER_COLUMNS = ("cause", "tables", "rocks", "weakest_named", "parameter", "valu
 
 def write_power(path: Path, power: CampaignPower) -> None:
     """Write which effects campaigns would name: a row for each cause, set of tables and rocks."""
-    text = io.StringIO()
-    table = csv.writer(text, lineterminator="\n")
-    table.writerow(POWER_COLUMNS)
+    rows = []
     for cause, (k, tables), rocks in itertools.product(
         power.causes, enumerate(TABLE_SETS), PLANNED_ROCKS
     ):
         least = power.least(cause, k, rocks)
         stated = ("", "") if least is None else (STRENGTHS[cause].reported, f"{least.value:.3g}")
         strength = "not named" if least is None else least.trial.strength
-        table.writerow((cause, " ".join(sorted(tables)), rocks, strength, *stated))
-    write_text(path, text.getvalue())
+        rows.append((cause, " ".join(sorted(tables)), rocks, strength, *stated))
+    write_table(path, [pd.DataFrame(rows, columns=POWER_COLUMNS)])

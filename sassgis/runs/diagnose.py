@@ -240,8 +240,7 @@ def _diagnosis(added: AddedCauses, chosen: Mapping[str, Any], fingerprint: str) 
         ground_range=case.ground_range,
         settings=() if fit is None else settings_of(case, fit, intervals[fit.effect]),
         trade_offs=tuple((t.one, t.other, t.correlation) for t in fit.trade_offs) if fit else (),
-        compared=before, left=left, recommended=recommended, short=shortfall(left),
-        why=why,
+        compared=before, left=left, recommended=recommended, short=shortfall(left), why=why,
     )  # fmt: skip
     configured_case, residuals = residuals_with(case, as_configured, seed=problem.seed)
     gains = sorted(evidence.gains.values(), key=lambda gain: -gain.sureness)

@@ -2,26 +2,24 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
-from itertools import count
+from collections.abc import Callable
 from pathlib import Path
 
 from sassgis.errors import Interrupted, OutputError
 from sassgis.gap.advice.power import (
     CampaignPower,
     PlannedCampaign,
-    PlannedTrial,
-    Power,
     planned_case,
     powers_of,
     usual_rocks,
 )
-from sassgis.gap.constants import PLANNED_ROCKS, POWER_CAMPAIGNS
+from sassgis.gap.constants import PLANNED_ROCKS
 from sassgis.gap.fit.hypothesis_fit import families_to_try
 from sassgis.inputs.observation_values import cause_weights_of, read_thresholds, thresholds_of
 from sassgis.outputs.gap_files import write_power
 from sassgis.outputs.site_template import observations_template
 from sassgis.runs.calibrate import scenario_warnings
+from sassgis.runs.draw_store import reported_tasks
 from sassgis.runs.inputs import read_map_run
 from sassgis.runs.resumable_run import AnyConfig, configured, workers_asked
 from sassgis.simulation.workers import Jobs, OnProgress, one_algebra_thread, task_map
@@ -78,20 +76,8 @@ def plan_campaign(
         )  # fmt: skip
         tell(f"Simulating campaigns with each of {len(causes)} causes")
         try:
-            with task_map(planned, workers_asked(settings, jobs)) as tasks:
-
-                def reported(
-                    work: Callable[[PlannedCampaign, PlannedTrial], Power],
-                    trials: Sequence[PlannedTrial],
-                ) -> Iterator[Power]:
-                    rocks = 0
-                    for done, power in zip(count(1), tasks(work, trials), strict=False):
-                        rocks += POWER_CAMPAIGNS * power.trial.rocks
-                        if on_progress is not None:
-                            on_progress(done, len(trials), rocks)
-                        yield power
-
-                found = powers_of(causes, reported)
+            with task_map(planned, workers_asked(settings, jobs)) as run_tasks:
+                found = powers_of(causes, reported_tasks(run_tasks, 1, on_progress))
         except KeyboardInterrupt:
             raise Interrupted(f"stopped by the user; the tables are in {path}") from None
         rocks = case.observations.rocks

@@ -44,10 +44,9 @@ from sassgis.gap.forward.rock_lines import rock_lines_of
 from sassgis.gap.observations.case import Case, Errors, case_of
 from sassgis.gap.observations.observed import Observations
 from sassgis.gap.observations.tables import Rocks
-from sassgis.gap.residuals.residual_table import ResidualTable, reach_edges, steps_of
+from sassgis.gap.residuals.residual_table import fingerprint_residuals
 from sassgis.gap.residuals.rock_residuals import holm_adjusted
-from sassgis.gap.residuals.station_residuals import reach_residuals
-from sassgis.gap.residuals.stop_residuals import FreeRun, free_run, observed_at_stations
+from sassgis.gap.residuals.stop_residuals import FreeRun, free_run
 from sassgis.gap.verdict.verdict import CauseWeights, Thresholds, decide, fingerprints
 from sassgis.gap.words import effect_name
 from sassgis.settings.languages import Language, Phrase, in_language, phrase, translated
@@ -223,6 +222,11 @@ class PlannedTrial:
     strength: str  # one of STRENGTH_SHARES
     rocks: int
 
+    @property
+    def count(self) -> int:
+        """Blocks that are released, at most."""
+        return POWER_CAMPAIGNS * self.rocks
+
 
 @dataclass(frozen=True, slots=True)
 class Power:
@@ -248,18 +252,11 @@ def power_of(planned: PlannedCampaign, trial: PlannedTrial) -> Power:
     for left, sample in zip(range(len(samples), 0, -1), samples, strict=True):
         if ((times >= enough) | (times + left < enough)).all():
             break
-        prints = _prints(with_campaign(usual.case, sample), usual.run)
+        case = with_campaign(usual.case, sample)
+        prints = fingerprints(case, fingerprint_residuals(case, usual.run))
         times += [planned.named(prints, tables) == trial.cause for tables in TABLE_SETS]
     value = float(part.parameters[strength.reported])
     return Power(trial, value, tuple((times >= enough).tolist()))
-
-
-def _prints(case: Case, run: FreeRun) -> tuple[Fingerprint, ...]:
-    """Return fingerprints against a model; residuals that none of them reads are not made."""
-    rng = np.random.default_rng([run.seed, 31])
-    seen, edges = observed_at_stations(case), reach_edges(case, run)
-    rows = tuple(reach_residuals(case, seen, run, edges, rng=rng))
-    return fingerprints(case, ResidualTable(run, rows, steps_of(case, run, rng)))
 
 
 Run = Callable[

@@ -34,13 +34,9 @@ from sassgis.gap.constants import (
 )
 from sassgis.gap.forward.released_rocks import configured_model
 from sassgis.gap.observations.case import Case
-from sassgis.gap.residuals.impact_residuals import (
-    impacts_in_flight,
-    rebound_draws,
-    usable_impacts,
-)
+from sassgis.gap.residuals.impact_residuals import all_impacts_in_flight, rebound_draws
 from sassgis.gap.residuals.residual_table import ResidualTable
-from sassgis.gap.residuals.rock_residuals import mean_of_draws, per_rock, t_statistics
+from sassgis.gap.residuals.rock_residuals import mean_of_draws, per_rock, sureness
 from sassgis.settings.ground import GroundClass, GroundTable
 
 FIT = Fit(
@@ -81,7 +77,7 @@ def _on_one_ground(case: Case, residuals: ResidualTable) -> Scores:
         lost.append(Scores(values, float(score[on].mean())))
     if not lost:
         raise Unseen
-    return max(lost, key=lambda one: float(np.nan_to_num(t_statistics(one.values)[0])))
+    return max(lost, key=lambda one: sureness(one.values))
 
 
 def _beyond_usual(case: Case, residuals: ResidualTable) -> Scores:
@@ -90,10 +86,7 @@ def _beyond_usual(case: Case, residuals: ResidualTable) -> Scores:
     Less what those on other ground lose beyond theirs: another law of the contact does that on all.
     The ground must do it in its upper and its lower part, or it is a patch of other ground.
     """
-    if not len(case.observations.impacts):
-        raise Unseen
-    rows = np.flatnonzero(usable_impacts(case, residuals.run.axes_m))
-    seen = impacts_in_flight(case, residuals.run.axes_m, rows, IMPACT_DRAWS) if rows.size else None
+    seen = all_impacts_in_flight(case, residuals.run.axes_m, IMPACT_DRAWS)
     if seen is None:
         raise Unseen
     model = configured_model(case)
@@ -115,11 +108,11 @@ def _beyond_usual(case: Case, residuals: ResidualTable) -> Scores:
             per_rock(beyond, np.where(on & half, seen.rock, -1), case.n_rocks)
             for half in (seen.s <= middle, seen.s > middle)
         ]
-        values = min(parts, key=lambda one: float(np.nan_to_num(t_statistics(one)[0])))
+        values = min(parts, key=sureness)
         found.append(Scores(values, float(beyond[on].mean() + SOFT_LOSS)))
     if not found:
         raise Unseen
-    return max(found, key=lambda one: float(np.nan_to_num(t_statistics(one.values)[0])))
+    return max(found, key=lambda one: sureness(one.values))
 
 
 def _least_rebound(ground: GroundClass) -> GroundClass:

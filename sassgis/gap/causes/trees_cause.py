@@ -44,7 +44,7 @@ from sassgis.gap.constants import (
 from sassgis.gap.forward.released_rocks import ForestStand, HypothesisModel
 from sassgis.gap.observations.case import Case, errors_of
 from sassgis.gap.residuals.residual_table import MODEL_FLIGHT, ResidualTable, StepTable
-from sassgis.gap.residuals.rock_residuals import per_rock, t_statistics
+from sassgis.gap.residuals.rock_residuals import per_rock, sureness
 from sassgis.grid import FloatArray
 
 FIT = Fit(
@@ -162,7 +162,7 @@ def _on_one_reach(case: Case, residuals: ResidualTable) -> Scores:
     """Return reach with the surest loss; on the first one it would be an error of the release."""
     wrong = wrong_on_one(residuals, sign=-1.0)
     lost = [own for place, own in wrong.items() if place != case.reaches[0]]
-    surest = max(lost, key=lambda one: float(np.nan_to_num(t_statistics(one)[0])))
+    surest = max(lost, key=sureness)
     return Scores(surest - COMPARISON_SHIFT, float(np.nanmean(surest - COMPARISON_SHIFT)))
 
 

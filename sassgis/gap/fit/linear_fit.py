@@ -197,7 +197,17 @@ def _of_ground(problem: SiteData, p: int) -> BoolArray:
     of_rows = 3 * [not name.endswith(":aside") for name in names]
     of_rows += [True] * sum(name.endswith(":speed") for name in names)
     of_impacts = 2 * ([True] * 3 + [False] * 3)
-    return np.array(of_rows + of_impacts * ((p - len(of_rows)) // len(of_impacts)), np.bool_)
+    return np.array(of_rows + of_impacts * len(_classes_of(names, p)), np.bool_)
+
+
+def _classes_of(names: Sequence[str], p: int) -> range:
+    """Return where the numbers of impacts begin, class by class: twelve after those of the rows."""
+    first = 3 * len(names) + sum(name.endswith(":speed") for name in names)
+    return range(first, p - _OF_CLASS + 1, _OF_CLASS)
+
+
+#: Numbers of the impacts on a class: mean, scatter, trends with size and normal speed of three.
+_OF_CLASS = 12
 
 
 def law_changes(summary: SiteSummary) -> FloatArray:
@@ -208,10 +218,10 @@ def law_changes(summary: SiteSummary) -> FloatArray:
     with the normal speed. Scatters and trends with the size of rocks do not (``LAW_SHARES``).
     """
     scale = summary.problem.scale
-    k, p = len(scale.names), summary.error.size
+    p = summary.error.size
     kinds = [name.rpartition(":")[2] for name in scale.names]
     sizes = np.array([LAW_SHARES.get(LAW_QUANTITIES.get(kind, ""), 0.0) for kind in kinds])
-    sizes *= np.abs(scale.centre) / scale.scale if k else 0.0
+    sizes *= np.abs(scale.centre) / scale.scale if scale.names else 0.0
     columns = []
     for kind in dict.fromkeys(kinds):
         own = np.flatnonzero([name == kind for name in kinds])
@@ -220,13 +230,11 @@ def law_changes(summary: SiteSummary) -> FloatArray:
         for values in (np.ones(own.size), LAW_TREND * np.linspace(-1.0, 1.0, own.size)):
             columns.append(np.zeros(p))
             columns[-1][own] = sizes[own] * values
-    first = 3 * k + kinds.count("speed")
-    width = 4 * len(LAW_OUTCOMES)
-    classes = range(first, p - width + 1, width)
+    trends = _OF_CLASS - len(LAW_OUTCOMES)
     for j, sd in enumerate(LAW_OUTCOMES):
-        for place, size in ((j, sd), (width - len(LAW_OUTCOMES) + j, LAW_TREND * sd)):
+        for place, size in ((j, sd), (trends + j, LAW_TREND * sd)):
             columns.append(np.zeros(p))
-            columns[-1][[start + place for start in classes]] = size
+            columns[-1][[start + place for start in _classes_of(scale.names, p)]] = size
     return summary.in_errors(np.array(columns)).T
 
 

@@ -24,9 +24,8 @@ from sassgis.gap.forward.rock_lines import RockLines, rock_lines_of
 from sassgis.gap.observations.case import Campaign, Case, errors_of, observed_campaign
 from sassgis.gap.residuals.impact_residuals import (
     ImpactsInFlight,
-    impacts_in_flight,
+    all_impacts_in_flight,
     rebound_draws,
-    usable_impacts,
 )
 from sassgis.gap.residuals.rock_residuals import rock_means
 from sassgis.grid import FloatArray, IntArray
@@ -38,11 +37,7 @@ QUANTITIES = ("impact:along", "impact:normal", "impact:turning", "impact:energy"
 
 def observed_impacts(case: Case) -> ImpactsInFlight | None:
     """Return impacts after flights of rocks of known size; None if none was observed."""
-    if not len(case.observations.impacts):
-        return None
-    axes = case.semi_axes_m[:, None]
-    rows = np.flatnonzero(usable_impacts(case, axes))
-    found = impacts_in_flight(case, axes, rows, OUTCOME_DRAWS) if rows.size else None
+    found = all_impacts_in_flight(case, case.semi_axes_m[:, None], OUTCOME_DRAWS)
     if found is None or found.rock.size <= MOST_IMPACTS:
         return found
     return found.take(np.linspace(0, found.rock.size - 1, MOST_IMPACTS).astype(np.int64))

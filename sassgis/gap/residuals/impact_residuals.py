@@ -196,6 +196,14 @@ class ImpactsInFlight:
         return ImpactsInFlight(self.impacts.take(rows), **chosen)
 
 
+def all_impacts_in_flight(case: Case, axes_m: FloatArray, m: int) -> ImpactsInFlight | None:
+    """Return the usable impacts of a case after a flight, as ``impacts_in_flight`` does."""
+    if not len(case.observations.impacts):
+        return None
+    rows = np.flatnonzero(usable_impacts(case, axes_m))
+    return impacts_in_flight(case, axes_m, rows, m) if rows.size else None
+
+
 def impacts_in_flight(
     case: Case, axes_m: FloatArray, rows: IntArray, m: int
 ) -> ImpactsInFlight | None:

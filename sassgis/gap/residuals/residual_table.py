@@ -30,12 +30,11 @@ from sassgis.gap.forward.rock_lines import rock_lines_of
 from sassgis.gap.observations.case import Case, ImpactRows, errors_of, observed_campaign
 from sassgis.gap.residuals.flights import air_of_flights, path_residuals, struck_above_ground
 from sassgis.gap.residuals.impact_residuals import (
+    all_impacts_in_flight,
     impact_residuals,
-    impacts_in_flight,
     rebound_draws,
     turn_error,
     turn_of_lines,
-    usable_impacts,
 )
 from sassgis.gap.residuals.rock_residuals import Residual, mean_of_draws
 from sassgis.gap.residuals.station_residuals import reach_residuals
@@ -127,10 +126,7 @@ _Part = dict[str, Any]
 
 
 def _impacts(case: Case, run: FreeRun, rng: np.random.Generator) -> list[_Part]:
-    if not len(case.observations.impacts):
-        return []
-    rows = np.flatnonzero(usable_impacts(case, run.axes_m))
-    seen = impacts_in_flight(case, run.axes_m, rows, IMPACT_DRAWS) if rows.size else None
+    seen = all_impacts_in_flight(case, run.axes_m, IMPACT_DRAWS)
     if seen is None:
         return []
     draws = rebound_draws(case, run.model, seen, rng)
@@ -313,6 +309,13 @@ def residuals_of(
         *path_residuals(case, run, edges),
         *impact_residuals(case, run, edges, rng=rng),
     ]
+    return ResidualTable(run, tuple(rows), steps_of(case, run, rng))
+
+
+def fingerprint_residuals(case: Case, run: FreeRun) -> ResidualTable:
+    """Compare a case with replicates that are there already, in what fingerprints read alone."""
+    rng = np.random.default_rng([run.seed, 31])
+    rows = reach_residuals(case, observed_at_stations(case), run, reach_edges(case, run), rng=rng)
     return ResidualTable(run, tuple(rows), steps_of(case, run, rng))
 
 

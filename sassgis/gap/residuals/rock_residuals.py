@@ -38,6 +38,11 @@ def t_statistics(values: FloatArray) -> FloatArray:
     return _t(filled.sum(axis=0), (filled**2).sum(axis=0), count)
 
 
+def sureness(values: FloatArray) -> float:
+    """Return mean over standard error of the values of rocks, (n,); 0 of fewer than three."""
+    return float(np.nan_to_num(t_statistics(values)[0]))
+
+
 def _t(sums: FloatArray, squares: FloatArray, count: IntArray) -> FloatArray:
     with np.errstate(invalid="ignore", divide="ignore"):
         mean = sums / count

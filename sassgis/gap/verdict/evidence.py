@@ -185,8 +185,8 @@ def first_adequate(made: HypothesisFits, draws: Sequence[HypothesisDraw]) -> Loc
     """Locate the gap with the first draw that leaves nothing significant and large, if any."""
     for k in range(0, len(draws), PLAUSIBLE_AT_ONCE):
         left: list[Located] = list(made.run(_left_by, draws[k : k + PLAUSIBLE_AT_ONCE]))
-        if any(sound for _, sound, _ in left):
-            return next(one for one in left if one[1])
+        if (right := next((one for one in left if one[1]), None)) is not None:
+            return right
     return None
 
 

@@ -8,14 +8,14 @@ groups, adjusted for the number of fingerprints (Holm 1979).
 Every cause is weighed alike: a few numbers say what its surest fingerprint counts, of those that no
 contact can leave and of the others, and what its gain counts. They were fitted on sites of several
 generators (``data/gap_thresholds.json``); each was judged by numbers that never saw it
-(docs/studies/gap_weights.md). What a contact could leave, and a gain, may come from a law of the
-contact that the base lacks: by themselves they make no cause more likely than none.
+(docs/studies/gap_weights.md). What a contact could leave may come from a law of the contact that
+the base lacks: by itself it makes a cause likely, and never names one.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Container, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, fields, replace
 
@@ -318,8 +318,13 @@ _OF_MASSES = {name for name, own in _CLEAR.items() if {*own.tables} == {"rocks",
 
 def is_certain(prints: Sequence[Fingerprint], effect: str, thresholds: Thresholds) -> bool:
     """Return whether masses, places or paths in time show a cause, whatever else the rocks do."""
-    own = [f for f in prints if f.effect == effect and f.statistic in _WITHOUT_CONTACTS]
-    return any(f.observable and f.z >= thresholds.second for f in own)
+    return _has(prints, effect, _WITHOUT_CONTACTS, thresholds.second)
+
+
+def _has(prints: Sequence[Fingerprint], effect: str, names: Container[str], least: float) -> bool:
+    """Return whether one of some fingerprints of a cause has a z of at least so much."""
+    own = (f for f in prints if f.effect == effect and f.statistic in names)
+    return any(f.observable and f.z >= least for f in own)
 
 
 def _would_show(one: Fingerprint) -> bool:
@@ -359,10 +364,7 @@ def is_clear(prints: Sequence[Fingerprint], gains: Mapping[str, CauseGain], effe
     closes = CAUSES[effect].closes and group_of(effect) != group_of(CONTACT_LAW)
     if closes and effect in gains and gains[effect].sureness >= SHOWING_GAIN:
         return True
-    return any(
-        f.effect == effect and f.observable and f.statistic in _CLEAR and f.z >= PRINTED_Z
-        for f in prints
-    )
+    return _has(prints, effect, _CLEAR, PRINTED_Z)
 
 
 def second_of(

@@ -445,7 +445,8 @@ def gap_ladder_figure(ladder: Sequence[Rung]) -> Figure:
     ax.set_yticks(range(n), names, size=style.TEXT)
     _rows_only(ax, n, 0.6)
     ax.grid(visible=False)
-    ax.set_xlim(0.0, 1.7 * max(r.distance for r in models))
+    # Unbiased distances may all be below zero.
+    ax.set_xlim(0.0, 1.7 * max(1e-3, *(r.distance for r in models)))
     ax.set_xlabel("energy distance", size=style.SMALL)
     return sheet.figure
 
@@ -499,7 +500,9 @@ def gap_hypotheses_figure(
         if math.isfinite(share):
             bar = style.LIGHT if colour == style.GREY else colour
             shares.barh(i, share, 0.6, color=bar, gid=f"share-{name}")
-            text = f"{100 * min(share, words.MOST_SURE):.0f} %" if share >= 0.005 else "< 1 %"
+            text = (
+                f"{100 * min(share, words.MOST_SURE):.0f} %" if share >= words.LISTED else "< 1 %"
+            )
             shares.text(share + 0.02, i, text, va="center", size=style.SMALL)
         hypothesis = fitted.get(name)
         if hypothesis is not None and math.isfinite(hypothesis.gain):
