@@ -257,43 +257,48 @@ class Path:
         """Move until the block stops, breaks or leaves the terrain; blocks that come of it."""
         site, block, model, data, rows = self.site, self.block, self._model, self._data, self.rows
         frame, own, children = site.world.relief.frame, site.surface, []
-        edge = site.size - 3.0
-        touched, still, s, code, speed = False, 0, 0.0, 0, 0.0
+        (half_x, half_y), (mid_x, mid_y) = (site.size - 3.0).tolist(), site.middle[:2].tolist()
+        radius, place, velocity, force = block.radius, data.qpos, data.qvel, data.xfrc_applied
+        touched, still, s, code = False, 0, 0.0, 0
+        windy, ground = "wind" in site.effects, (-1, False)
         for k in range(len(rows)):
             if k % _LOOK == 0:
-                x, y = data.qpos[:2] + site.middle[:2]
-                s = float(frame.s(x, y))
-                row, col = int((own.north - y) / own.cell_m), int((x - own.west) / own.cell_m)
-                code = int(site.world.ground[row, col])
-                site.set_ground(model, code, site.icy(x, y, s), block.radius)
-                speed = float(np.linalg.norm(data.qvel[:3]))
-                turning = block.radius * float(np.linalg.norm(data.qvel[3:]))
-                still = still + _LOOK if speed + turning < _STILL_MPS else 0
+                x, y = float(place[0]), float(place[1])
+                s = float(frame.s(x + mid_x, y + mid_y))
+                row = int((own.north - y - mid_y) / own.cell_m)
+                code = int(site.world.ground[row, int((x + mid_x - own.west) / own.cell_m)])
+                if ground != (code, icy := site.icy(x + mid_x, y + mid_y, s)):
+                    ground = code, icy
+                    site.set_ground(model, code, icy, radius)
+                turning = radius * math.hypot(*velocity[3:])
+                slow = math.hypot(*velocity[:3]) + turning < _STILL_MPS
+                still = still + _LOOK if slow else 0
                 self.stopped = still * STEP_S > _STILL_S
-                if self.stopped or bool((np.abs(data.qpos[:2]) > edge).any()):
+                if self.stopped or abs(x) > half_x or abs(y) > half_y:
                     break
             now = data.ncon > 0
-            rows[k, :7], rows[k, 7:13], rows[k, 13] = data.qpos, data.qvel, now
+            rows[k, :7], rows[k, 7:13], rows[k, 13] = place, velocity, now
             self.count = k + 1
             if now != touched:
                 if now:
                     children += self._began(s, code)
                 else:
                     self._ended()
+                    force[1, :3] = 0.0
                 if children and children[-1].kind == FRAGMENT:
                     break
                 touched = now
-            data.xfrc_applied[1, :3] = self._force(now, s, code)
+            if now or windy:
+                force[1, :3] = self._force(now, s, code)
             mujoco.mj_step(model, data)
         return children
 
-    def _force(self, touched: bool, s: float, code: int) -> Vector | float:
-        """What ground and air do besides (N)."""
+    def _force(self, touched: bool, s: float, code: int) -> Vector:
+        """What ground and air do besides (N); in flight it is the wind."""
         site, v = self.site, self._data.qvel[:3]
-        wind, soft = site.effects.get("wind"), site.effects.get("soft_ground")
+        soft = site.effects.get("soft_ground")
         if not touched:
-            if wind is None:
-                return 0.0
+            wind = site.effects["wind"]
             push = self.block.mass * wind.between(0.05, 3.0) * 0.3 / self.block.radius
             return push * np.array([math.cos(site.wind), math.sin(site.wind), 0.0])
         speed = math.sqrt(float(v @ v))
