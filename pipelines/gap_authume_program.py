@@ -60,7 +60,7 @@ def write(data: Path, runs: ProgramRuns, design: Design, out: Path) -> Site:
     notes = ["runs of a discrete-element program, not observations", f"effect: {design.effect}"]
     site = written(
         "Authume, another program", out, {**quarry(data, slope), **blocks}, slope, seen.rocks,
-        points, {}, 0.25, notes,
+        points, {}, seen.metadata, notes,
     )  # fmt: skip
     tables.write_tables(site.case.observations["all"], seen.tables, seen.metadata)
     tables.check(site.case)

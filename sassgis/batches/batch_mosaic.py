@@ -31,7 +31,7 @@ from sassgis.hazard.assess import Assessment, assess, curves_of, risk_of
 from sassgis.hazard.levels import hazard_level
 from sassgis.hazard.risk import RiskTable
 from sassgis.hazard.sampling_error import level_chances
-from sassgis.hazard.sources import Sampled, sampled_sources
+from sassgis.hazard.sources import Sampled, line_parts, sampled_sources
 from sassgis.hazard.warnings import simulation_warnings
 from sassgis.hazard.zoning.drawing import reach_cells
 from sassgis.inputs.ground_map import ground_raster
@@ -61,6 +61,7 @@ from sassgis.settings.results import RasterLayer
 from sassgis.settings.statistics_table import Bins, bins_for
 from sassgis.simulation.accumulators import Progress
 from sassgis.simulation.checkpoint import Checkpoint
+from sassgis.simulation.control_lines import LineParts
 from sassgis.simulation.estimate import reached_bytes
 from sassgis.simulation.map_sums import Sample
 from sassgis.simulation.workers import Jobs, task_map
@@ -361,15 +362,15 @@ def _write_blocks(
     here = Part(place.row, place.col, 0, 0)
     met = [a for a in areas if a.record.control_lines or a.record.objects]
 
-    def at_lines_and_objects(without: bool) -> tuple[Progress, RiskTable | None]:
+    def at_lines_and_objects(without: bool) -> tuple[Progress, LineParts, RiskTable | None]:
         progress = added_up(mosaic.run, here, met, mosaic.bins, without=without)
         sampled = _sources(mosaic.run, met, progress)
-        return progress, risk_of(rules, sampled, mosaic.bins.threshold)
+        return progress, line_parts(sampled), risk_of(rules, sampled, mosaic.bins.threshold)
 
-    progress, risk = at_lines_and_objects(without=False)
+    progress, parts, risk = at_lines_and_objects(without=False)
     risk_before = None
     if risk is not None and compares_barriers(config, mosaic.run):
-        risk_before = at_lines_and_objects(without=True)[1]
+        risk_before = at_lines_and_objects(without=True)[-1]
     released = [
         ReleaseArea(c.name, area_feature(setting, c).geometry, tuple(a.record.frequencies))
         for c, a in zip(candidates, areas, strict=True)
@@ -377,7 +378,7 @@ def _write_blocks(
     points, rocks = ([getattr(a.record, n) for a in areas] for n in ("points", "rocks"))
     vectors = [
         run_vectors.released_from(released, points, rocks, frame.crs),
-        *run_vectors.control_line_layers(mosaic.run, progress),
+        *run_vectors.control_line_layers(mosaic.run, progress, parts),
         *exposed_layers(rules.placed, frame.crs),
     ]
     counts = {"release_areas": len(areas), "release_points": sum(points), "rocks": sum(rocks)}

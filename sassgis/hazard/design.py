@@ -160,8 +160,8 @@ def measured_at(volume_m3: float) -> dict[str, float]:
 def size_warnings(blocks: tuple[BlockPopulation, ...]) -> list[str]:
     """Return scenarios with blocks larger than any whose motion was measured."""
     known = measured_motion()[-2]["volume_to_m3"]
-    beyond = [f"{own.name} ({short(own.largest_volume_m3)} m³)" for own in blocks
-              if own.largest_volume_m3 > known]  # fmt: skip
+    beyond = [f"{own.name} ({short(own.volume_limits_m3[1])} m³)" for own in blocks
+              if own.volume_limits_m3[1] > known]  # fmt: skip
     if not beyond:
         return []
     text = (
@@ -178,7 +178,7 @@ def motion_warnings(
 
     ``maps`` are 95 % values in cells by name of a measured quantity; NaN where no block arrives.
     """
-    known = measured_at(max(own.largest_volume_m3 for own in blocks))
+    known = measured_at(max(own.volume_limits_m3[1] for own in blocks))
     out: list[str] = []
     for name, words, unit in _COMPARED:
         if name not in maps:

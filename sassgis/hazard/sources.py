@@ -16,7 +16,7 @@ from sassgis.settings.map_run import MapRun, ReleaseArea
 from sassgis.settings.results import StopReason
 from sassgis.settings.schema import Input
 from sassgis.simulation.accumulators import Progress, joined_lines, kept_stops
-from sassgis.simulation.control_lines import ControlLineSums
+from sassgis.simulation.control_lines import ControlLineSums, LineParts
 from sassgis.terrain.prepare import Plan
 
 _HECTARE_M2 = 1e4
@@ -82,6 +82,11 @@ def _size(area: ReleaseArea, onset: Onset) -> float:
     if onset.unit == "per_year_m":
         return 0.0 if area.geometry.area > 0.0 else area.known * float(area.geometry.length)
     return 1.0
+
+
+def line_parts(sampled: Sequence[Sampled]) -> LineParts:
+    """Return what reaches stations and barriers by source, with the rate of each block."""
+    return [(one.source.rate_per_rock, one.control_lines) for one in sampled]
 
 
 def sampled_sources(

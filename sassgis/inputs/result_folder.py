@@ -115,7 +115,6 @@ def read_result(folder: Path) -> StoredResult:
     return StoredResult(
         folder=folder, manifest=manifest,
         grid=_read_grid(reach, folder / "maps" / "terrain.tif", manifest), maps=maps,
-        runout_m=_read_runout(folder / RESULT_FILE),
         control_lines={str(r["name"]): r for r in lines},
         traces=tuple((str(r["name"]), str(r["kind"]), r["geometry"]) for r in lines),
         release=_read_release(folder / RESULT_FILE), zones=zones, level_codes=codes,
@@ -205,15 +204,6 @@ def _read_zones(
         Coverage(frame.geometry.to_numpy(), numbers),
         tuple(codes.get(c.label, c.label) for c in ordered),
     )
-
-
-def _read_runout(file: Path) -> FloatArray:
-    frame = read_layer(file, "stops", ("runout_m",))
-    if frame is None:
-        return np.empty(0)
-    own = frame["piece"] == 0 if "piece" in frame else np.ones(len(frame), bool)
-    values: FloatArray = frame.loc[own, "runout_m"].to_numpy(np.float64)
-    return values
 
 
 def _read_control_lines(file: Path) -> list[dict[str, Any]]:

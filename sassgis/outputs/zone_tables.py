@@ -5,9 +5,11 @@ from __future__ import annotations
 import time
 from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pandas as pd
+import shapely
 
 from sassgis.files.atomic_output import staged_file
 from sassgis.files.vector_layer import VectorLayer
@@ -78,8 +80,12 @@ def design_tables(
     without_barriers: Sequence[Sampled],
     return_periods_years: Sequence[float],
     confidence: float = 0.95,
+    exposed: Sequence[Any] = (),
 ) -> tuple[pd.DataFrame, pd.DataFrame]:
-    """Tabulate what reaches each line, and its copies along the slope where simulated."""
+    """Tabulate what reaches each line, and its copies along the slope where simulated.
+
+    ``exposed`` are the geometries of exposed objects, which a line stays above.
+    """
     copies = moved_lines(grid, lines)
     sums = without_barriers[0].control_lines.control_lines if without_barriers else ()
     if len(sums) < len(lines) + len(copies):
@@ -93,7 +99,24 @@ def design_tables(
     placed += [(stations[c.of].name, c.moved_m, c.trace) for c in copies]
     moved = [(name, m, round(mean_height_m(grid, trace), 1)) for name, m, trace in placed]
     released = sum(s.source.frequency for s in without_barriers)
-    return design.iloc[: len(lines)], places_table(design, moved, released)
+    places = places_table(design, moved, released)
+    drawn = {line.name: trace for line, trace in lines}
+    above = {
+        (name, m): m <= 0.0 or stays_above(drawn[name], trace, exposed) for name, m, trace in placed
+    }
+    of = zip(places["line"], places["moved_m"], strict=True)
+    places.insert(3, "above_objects", [above[key] for key in of])
+    return design.iloc[: len(lines)], places
+
+
+def stays_above(trace: FloatArray, moved: FloatArray, exposed: Sequence[Any]) -> bool:
+    """Return whether a line passes over no exposed object on its way to a copy of it.
+
+    Both have shape (n, 2).
+    """
+    corners = np.stack([trace[:-1], trace[1:], moved[1:], moved[:-1]], axis=1)
+    swept = shapely.union_all(list(map(shapely.Polygon, corners)))
+    return not any(swept.intersects(thing) for thing in exposed)
 
 
 def places_table(

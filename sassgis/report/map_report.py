@@ -33,8 +33,8 @@ from sassgis.settings.results import (
     thousands,
 )
 from sassgis.settings.statistics_table import FEW_BLOCKS
-from sassgis.simulation.accumulators import Progress, joined_lines
-from sassgis.simulation.control_lines import ControlLineSums, control_line_rows, trimmed
+from sassgis.simulation.accumulators import Progress, joined_lines, within_metres
+from sassgis.simulation.control_lines import ControlLineSums, LineParts, control_line_rows, trimmed
 from sassgis.simulation.path_sample import STRETCH_M, LinePaths, ProfileResult
 from sassgis.terrain.prepare import Plan
 
@@ -45,10 +45,7 @@ def runout_words(counts: IntArray, text: str) -> str:
     """Put the run-out of blocks, counted in bins of 1 m, into a text; empty for none."""
     if not counts.sum():
         return ""
-    below = np.cumsum(counts)
-    median, most = (int(np.searchsorted(below, share * below[-1])) + 1 for share in (0.5, 0.95))
-    longest = int(np.flatnonzero(counts)[-1]) + 1
-    return phrase(text, sensible(median), sensible(most), sensible(longest))
+    return phrase(text, *(sensible(metres) for metres in within_metres(counts, 0.5, 0.95, 1.0)))
 
 
 def run_lines(progress: Progress, angles: ReachAngles) -> Lines:
@@ -234,13 +231,15 @@ _CONTROL_LINE_TABLES = (
 )
 
 
-def control_line_tables(control_lines: ControlLineSums) -> list[ReportTable]:
+def control_line_tables(control_lines: ControlLineSums, parts: LineParts = ()) -> list[ReportTable]:
     """Return statistics at stations and barriers, for the report."""
     tables = []
     for title, columns, keys, note in _CONTROL_LINE_TABLES:
+        if parts:
+            note = joined(" ", (note, "Onset frequencies weight the blocks in all values."))
         rows = [
             [row[key] for key in keys.split()]
-            for row in control_line_rows(control_lines)
+            for row in control_line_rows(control_lines, parts)
             if (row["kind"] == "station") == (title == "Stations")
         ]
         if rows:
@@ -249,19 +248,22 @@ def control_line_tables(control_lines: ControlLineSums) -> list[ReportTable]:
 
 
 def _span(low: float, high: float) -> str:
-    return phrase("{} to {}", f"{low:g}", f"{high:g}") if high > low else f"{low:g}"
+    one, other = (f"{x:.3g}" if abs(x) < 1000.0 else f"{x:.0f}" for x in (low, high))
+    return phrase("{} to {}", one, other) if high > low else one
 
 
 def _block_table(run: MapRun) -> ReportTable:
     return table_of(
         "Block scenarios",
-        "scenario; semi-axis 1 | m; semi-axis 2 | m; semi-axis 3 | m; density | kg/m³; "
-        "initial speed | m/s",
+        "scenario; volume | m³; mass | kg; length | m; width | m; height | m; "
+        "density | kg/m³; initial speed | m/s",
         (
-            (b.name, _span(*b.axis_1_m), _span(*b.axis_2_m), _span(*b.axis_3_m),
-             _span(*b.density_kgm3), _span(*b.speed_mps))
+            (b.name, _span(*b.volume_limits_m3), _span(*b.mass_limits_kg),
+             *(_span(*limits) for limits in b.size_limits_m), _span(*b.density_kgm3),
+             _span(*b.speed_mps))
             for b in run.blocks
         ),
+        "Blocks are ellipsoids. Where volumes are given, lengths are those of the mean shape.",
     )  # fmt: skip
 
 
@@ -331,6 +333,9 @@ def _blocks_words(run: MapRun, planned: Plan, progress: Progress) -> str:
             "{}; some points have down to an eighth of these blocks, which count up to eight times"
         )
         words = phrase(text, words)
+    if progress.simulated < progress.reasons.sum():
+        text = "{}, counted as {} in the tables: {}"
+        return phrase(text, *map(thousands, (progress.simulated, progress.reasons.sum())), words)
     return phrase("{}: {}", thousands(progress.simulated), words)
 
 
@@ -344,6 +349,7 @@ def map_report(
     facts: Mapping[str, object],
     folder: Path,
     objects: Sequence[MapObject],
+    parts: LineParts = (),
 ) -> ReportContext:
     """Draw the figures of a run into ``folder`` and put the report together.
 
@@ -398,7 +404,7 @@ def map_report(
         warnings=tuple(warnings),
         key_results=stopping_reasons(progress.reasons),
         figures=tuple(pictures),
-        tables=(*control_line_tables(progress.control_lines), _block_table(run),
+        tables=(*control_line_tables(progress.control_lines, parts), _block_table(run),
                 _ground_table(run, progress.sums.cells), line_ends),
     )  # fmt: skip
 

@@ -15,7 +15,9 @@ import pandas as pd
 import shapely
 
 from sassgis.grid import FloatArray
+from sassgis.hazard.curves import hazard_curves
 from sassgis.hazard.design import arrivals, net_classes, words_at_line
+from sassgis.hazard.levels import hazard_level
 from sassgis.hazard.object_values import ObjectValues
 from sassgis.hazard.sources import Sampled
 from sassgis.hazard.zoning.coverage import Coverage
@@ -33,7 +35,7 @@ from sassgis.report.page import (
 )
 from sassgis.report.pictures import picture
 from sassgis.settings.exposure import PlacedObjects
-from sassgis.settings.hazard_rules import HazardLevel
+from sassgis.settings.hazard_rules import HazardPreset
 from sassgis.settings.languages import current_language, joined, phrase, translated
 from sassgis.settings.results import ControlLine
 from sassgis.simulation.control_lines import BEHIND
@@ -50,21 +52,40 @@ def map_objects(placed: PlacedObjects) -> list[MapObject]:
     ]
 
 
+#: Levels of an object: the highest of the zones that it touches, and that of all its blocks.
+ObjectLevels = tuple[str, str]
+
+
 def levels_of(
-    placed: PlacedObjects, zones: Coverage, levels: Sequence[HazardLevel]
-) -> dict[str, str]:
-    """Return the highest level of the zones that each object touches, by its name, or "none"."""
-    highest = np.full(len(placed), -1)
+    placed: PlacedObjects,
+    zones: Coverage,
+    preset: HazardPreset,
+    sampled: Sequence[Sampled],
+    energies_kj: FloatArray,
+) -> dict[str, ObjectLevels]:
+    """Return the levels of each object by its name; "none" without.
+
+    ``energies_kj`` are those of the counts. More blocks reach a wide object than the reference
+    width of the zones.
+    """
+    of_zones, of_blocks = np.zeros((2, len(placed)), np.int64)
     if len(placed) and zones.polygons.size:
         tree = shapely.STRtree(zones.polygons)
         owner, zone = tree.query(list(placed.geometries), predicate="intersects")
-        np.maximum.at(highest, owner, zones.classes[zone].astype(int) - 1)
-    labels = ["none", *(level.label for level in levels)]
-    return {name: labels[highest[own].max() + 1] for name, own in placed.wholes.items()}
+        np.maximum.at(of_zones, owner, zones.classes[zone].astype(int))
+    if len(placed):
+        sources, counts = zip(*((one.source, one.objects) for one in sampled), strict=True)
+        curves = hazard_curves(sources, counts, energies_kj)
+        of_blocks[curves.places] = hazard_level(curves, preset)
+    labels = ["none", *(level.label for level in preset.levels)]
+    return {
+        name: (labels[of_zones[own].max()], labels[of_blocks[own].max()])
+        for name, own in placed.wholes.items()
+    }
 
 
 def exposed_table(
-    placed: PlacedObjects, values: ObjectValues, levels: Mapping[str, str]
+    placed: PlacedObjects, values: ObjectValues, levels: Mapping[str, ObjectLevels]
 ) -> ReportTable:
     """Tabulate what reaches all exposed objects, most energy first; ``levels`` may be empty."""
     rare = max(values.energy_kj, default=None)
@@ -75,7 +96,7 @@ def exposed_table(
     for name, own in placed.wholes.items():
         energy = np.nan_to_num(shown[-2].value[own], nan=-1.0)
         number = own[int(np.argmax(energy))]
-        level = [levels[name]] if levels else []
+        level = levels[name] if levels else ()
         cells = [with_limits(*estimate.of(number)) for estimate in shown]
         rows.append((-energy.max(), (name, placed.objects[number].kind, *level, *cells)))
     rows.sort(key=lambda row: row[0])
@@ -84,8 +105,14 @@ def exposed_table(
         "value of each block. Height: each block in each cell. Roads and lines: the stretch with "
         "the most energy. A dash means that no block arrives, or less often."
     )
+    if levels:
+        more = (
+            "More blocks reach a wide object than the reference width of the zones: its level is "
+            "then higher than that of the zone."
+        )
+        note = joined(" ", (note, phrase(more)))
     columns = heads(
-        f"object; kind; {'hazard level; ' if levels else ''}"
+        f"object; kind; {'level of the zone; level of the object; ' if levels else ''}"
         f"{'blocks | ' if rare is None else 'blocks a year | 1/year'}; energy, 95 % | kJ"
     )
     if rare is not None:
@@ -179,13 +206,14 @@ def best_places(places: pd.DataFrame) -> tuple[pd.Series, pd.Series] | None:
     """Find where along the slope the least energy and height of 95 % of the blocks arrive.
 
     Places upslope that fewer blocks reach than the line itself are left out: the others start below
-    them or pass next to it. None if there is nothing to compare.
+    them or pass next to it. So are places below an exposed object that the line is above. None if
+    there is nothing to compare.
     """
     here = places[places["moved_m"] == 0.0]
     if len(places) < 2 or not len(here):
         return None
     enough = places["arrivals_per_year"] >= _ENOUGH * here["arrivals_per_year"].iloc[0]
-    known = places[enough | (places["moved_m"] >= 0.0)]
+    known = places[(enough | (places["moved_m"] >= 0.0)) & places["above_objects"]]
     energy, height = (known.loc[known[key].idxmin()] for key in ("energy_q95_kj", "height_q95_m"))
     return energy, height
 

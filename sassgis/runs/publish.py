@@ -54,6 +54,7 @@ from sassgis.report.page import (
 from sassgis.report.pictures import GIVEN_UP, map_pictures
 from sassgis.report.protection_page import (
     PAGE_NAME,
+    ObjectLevels,
     ProtectionSheet,
     exposed_table,
     map_objects,
@@ -68,10 +69,11 @@ from sassgis.settings.exposure import PlacedObjects
 from sassgis.settings.hazard_rules import LIMIT_TEXT, HazardPreset
 from sassgis.settings.languages import joined, named, phrase
 from sassgis.settings.map_run import Config, MapRun
-from sassgis.settings.results import RasterLayer, StopReason
+from sassgis.settings.results import RUNOUT_COUNTS, RasterLayer, StopReason
 from sassgis.settings.statistics_table import Bins, bins_of
 from sassgis.simulation.accumulators import Progress, line_ends, sample_of
 from sassgis.simulation.checkpoint import read_rows
+from sassgis.simulation.control_lines import LineParts
 from sassgis.simulation.map_sums import MapSums, Sample
 from sassgis.simulation.path_sample import paths_on_line, sample_paths, some_paths
 from sassgis.simulation.workers import beside
@@ -172,7 +174,7 @@ def object_facts(
     risk: RiskTable | None,
     sampled: Sequence[Sampled],
     energies_kj: np.ndarray,
-    levels: Mapping[str, str],
+    levels: Mapping[str, ObjectLevels],
     currency: str,
 ) -> dict[tuple[str, str], PlaceFacts]:
     """Return the hits of each exposed object; the curve of a road is that of its worst stretch."""
@@ -187,7 +189,9 @@ def object_facts(
     found: dict[tuple[str, str], PlaceFacts] = {}
     for name, own in members.items():
         total = {key: float(values[own].sum()) for key, values in quantity.items()}
-        rows: list[tuple[str, str]] = [("Hazard level", phrase(levels.get(name, "none")))]
+        rows: list[tuple[str, str]] = [
+            ("Hazard level", phrase(levels.get(name, ("none", "none"))[0]))
+        ]
         if total["hits"] > 0.0:
             rows.append(("Hits", phrase("once in {} years", sensible(1.0 / total["hits"]))))
         if total["loss"] > 0.0:
@@ -219,7 +223,7 @@ class Extras:
     # Exposed objects, drawn on the maps; their hazard levels by name, and what reaches them, by
     # frequency, where there are zones.
     placed: PlacedObjects = field(default_factory=lambda: PlacedObjects((), ()))
-    levels: dict[str, str] = field(default_factory=dict)
+    levels: dict[str, ObjectLevels] = field(default_factory=dict)
     objects: ObjectValues | None = None
     edits: VectorLayer | None = None  # written to edits.gpkg
     # Of the report: what draws its figures and the sheets of protection, and returns them.
@@ -235,6 +239,8 @@ class Extras:
     contributions: Sequence[Contribution] = ()
     places: Mapping[tuple[str, str], PlaceFacts] = field(default_factory=dict)
     frequencies: Mapping[tuple[str, str], float] = field(default_factory=dict)
+    # What reaches stations and barriers by source, and how often one of its blocks comes.
+    parts: LineParts = ()
 
 
 #: All maps; the report in its language; the warnings in English.
@@ -265,7 +271,7 @@ def publish_map(
         terrain = terrain_layer(run.grid)
         for layer in (*extras.layers, *layers, terrain):
             write_raster(layer, run.grid, work / "maps")
-        vectors = run_vectors.all_layers(run, planned, progress, layers)
+        vectors = run_vectors.all_layers(run, planned, progress, layers, extras.parts)
         vectors += exposed_layers(extras.placed, run.grid.crs)
         paths = sample_paths(run, planned, config.output.paths_max)
         if paths:
@@ -354,6 +360,7 @@ def _counts(done: Simulation) -> dict[str, int]:
         "rocks_simulated": progress.simulated,
         "rocks_not_simulated": progress.lost,
         "fragments": progress.pieces,
+        **dict(zip(RUNOUT_COUNTS, progress.runout_m(*RUNOUT_COUNTS.values()), strict=True)),
         **{f"rocks_{r.name.lower()}": int(progress.reasons[r]) for r in StopReason},
         **{f"lines_{e.name.lower()}": n for e, n in ends.items()},
     }
@@ -398,6 +405,7 @@ def _write_report(
         facts={**facts, **named},
         folder=work / "figures",
         objects=objects,
+        parts=extras.parts,
     )
     values = extras.objects or values_at_objects(done, None, ())
     exposed = exposed_table(extras.placed, values, extras.levels)

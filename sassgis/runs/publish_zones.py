@@ -12,6 +12,7 @@ from sassgis.grid import Grid
 from sassgis.hazard.assess import Assessment, Rules
 from sassgis.hazard.risk import RiskTable
 from sassgis.hazard.sampling_error import LevelChances
+from sassgis.hazard.sources import line_parts
 from sassgis.hazard.warnings import (
     edge_words,
     edit_warnings,
@@ -74,8 +75,9 @@ def zone_extras(rules: Rules, found: Assessment, done: Simulation, figures: Path
     periods = config.hazard.design_return_periods_years
     lines = [line for line, _ in run.control_lines]
     design, places = design_tables(
-        grid, run.control_lines, found.without_barriers, periods, confidence
-    )
+        grid, run.control_lines, found.without_barriers, periods, confidence,
+        rules.placed.geometries,
+    )  # fmt: skip
     protection = protection_table(
         lines, found.without_barriers, hazard.sampled, periods,
         min(b.density_kgm3[0] for b in run.blocks), confidence,
@@ -102,7 +104,8 @@ def zone_extras(rules: Rules, found: Assessment, done: Simulation, figures: Path
         frames |= risk_tables(found.risk, found.risk_without, currency, (values, bare))
     federal = federal_layers(config, grid, preset, width, hazard, found.by_area)
     levels = level_table(preset, found)
-    on_objects = levels_of(rules.placed, hazard.levels, preset.levels)
+    energies = hazard.curves.energies_kj
+    on_objects = levels_of(rules.placed, hazard.levels, preset, hazard.sampled, energies)
     edge = edge_words(run, done.progress, float(hazard.facts.open_m.sum()))
     ground = ground_words(ground_shares(run, done.progress.sums.cells))
     assumed = (("Onset frequencies", onset_words(rules)), ("Ground classes", ground))
@@ -129,8 +132,9 @@ def zone_extras(rules: Rules, found: Assessment, done: Simulation, figures: Path
         summary=zone_lines(levels, found, edge, confidence, currency),
         hazard=map_hazard(rules, found),
         contributions=rates_by_source(hazard.sampled),
+        parts=line_parts(hazard.sampled),
         places=line_facts(run, found.without_barriers, periods)
-        | object_facts(found.risk, hazard.sampled, hazard.curves.energies_kj, on_objects, currency),
+        | object_facts(found.risk, hazard.sampled, energies, on_objects, currency),
         frequencies=rules.frequencies,
         levels=on_objects,
         objects=values,

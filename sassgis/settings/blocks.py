@@ -103,16 +103,32 @@ class BlockPopulation:
         return rows
 
     @property
-    def largest_volume_m3(self) -> float:
-        """Volume of the largest block that can be drawn (m³)."""
+    def volume_limits_m3(self) -> Range:
+        """Volumes of the smallest and the largest block that can be drawn (m³)."""
         if self.volume_m3 is not None:
-            return self.volume_m3[1]
-        return 4.0 / 3.0 * float(np.pi) * self.axis_1_m[1] * self.axis_2_m[1] * self.axis_3_m[1]
+            return self.volume_m3
+        limits = (self.axis_1_m, self.axis_2_m, self.axis_3_m)
+        low, high = (_ellipsoid_m3(*axes) for axes in zip(*limits, strict=True))
+        return low, high
 
     @property
-    def largest_mass_kg(self) -> float:
-        """Mass of the heaviest block that can be drawn (kg)."""
-        return self.largest_volume_m3 * self.density_kgm3[1]
+    def mass_limits_kg(self) -> Range:
+        """Masses of the lightest and the heaviest block that can be drawn (kg)."""
+        low, high = self.volume_limits_m3
+        return low * self.density_kgm3[0], high * self.density_kgm3[1]
+
+    @property
+    def size_limits_m(self) -> tuple[Range, Range, Range]:
+        """Length, width and height of the smallest and the largest block (m), longest first.
+
+        Where volumes are given, of blocks of the mean shape.
+        """
+        limits = np.array([self.axis_1_m, self.axis_2_m, self.axis_3_m])
+        if self.volume_m3 is not None:
+            mean = limits.mean(axis=1)
+            limits = np.outer(mean, np.cbrt(np.array(self.volume_m3) / _ellipsoid_m3(*mean)))
+        (a, b), (c, d), (e, f) = (2.0 * np.sort(limits, axis=0)[::-1]).tolist()
+        return (a, b), (c, d), (e, f)
 
     @property
     def mean_width_m(self) -> float:
@@ -120,8 +136,8 @@ class BlockPopulation:
         axes = [0.5 * sum(limits) for limits in (self.axis_1_m, self.axis_2_m, self.axis_3_m)]
         if self.volume_m3 is None:
             return 2.0 * sum(axes) / 3.0
-        sphere = 4.0 / 3.0 * np.pi * axes[0] * axes[1] * axes[2]
-        return 2.0 * self._mean_root_volume_m / float(np.cbrt(sphere)) * sum(axes) / 3.0
+        size = self._mean_root_volume_m / float(np.cbrt(_ellipsoid_m3(*axes)))
+        return 2.0 * size * sum(axes) / 3.0
 
     @property
     def _mean_root_volume_m(self) -> float:
@@ -136,6 +152,11 @@ class BlockPopulation:
         weight = np.exp(-b * (v - v[0]))
         weight[[0, -1]] *= 0.5
         return float((weight * np.exp(v / 3.0)).sum() / weight.sum())
+
+
+def _ellipsoid_m3(a: float, b: float, c: float) -> float:
+    """Return the volume of an ellipsoid of three semi-axes (m)."""
+    return 4.0 / 3.0 * float(np.pi) * a * b * c
 
 
 class EffectSection(Section):

@@ -13,6 +13,11 @@ from numpy.typing import NDArray
 from sassgis.grid import FloatArray, IntArray
 from sassgis.settings.languages import Phrase, in_english, named, phrase
 
+#: Run-outs among the counts of a result (whole metres), and the shares of blocks within them.
+RUNOUT_COUNTS = {
+    "runout_q50_m": 0.5, "runout_q95_m": 0.95, "runout_q99_m": 0.99, "runout_max_m": 1.0,
+}  # fmt: skip
+
 
 class StopReason(IntEnum):
     """Why the simulation of a block stops."""

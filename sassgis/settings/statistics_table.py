@@ -301,7 +301,7 @@ def bins_for(
     g = engine.gravity_mps2
     drop = relief_m + max(b.drop_m[1] for b in blocks)
     speed = max(b.speed_mps[1] for b in blocks)
-    mass = max(b.largest_mass_kg for b in blocks)
+    mass = max(b.mass_limits_kg[1] for b in blocks)
     energy = 1e-3 * mass * (g * drop + 0.5 * speed * speed)
     fastest = float(np.sqrt(2.0 * g * drop + speed * speed))
     return default_bins(2.0 * energy, min(drop, 300.0), min(fastest, 150.0), tuple(thresholds_kj))

@@ -200,6 +200,10 @@ class Progress:
         counts: IntArray = np.delete(self.runout, StopReason.NEVER_STARTED, axis=0).sum(axis=0)
         return counts
 
+    def runout_m(self, *shares: float) -> tuple[int, ...]:
+        """Return whole metres within which shares of the blocks that started stop; 0 without."""
+        return within_metres(self.started_runout, *shares)
+
     @classmethod
     def fresh(cls, run: MapRun) -> Progress:
         """Return nothing added yet."""
@@ -208,6 +212,14 @@ class Progress:
             0, MapSums(n_rows * n_cols), ControlLineSums(tuple(g for g, _ in run.control_lines)),
             stop_share=1.0 if run.stop_points_max else 0.0, rounds=run.rounds,
         )  # fmt: skip
+
+
+def within_metres(counts: IntArray, *shares: float) -> tuple[int, ...]:
+    """Return whole metres within which shares of blocks stop, of counts by metre; 0 without."""
+    below = np.cumsum(counts)
+    if not below.size or not below[-1]:
+        return (0,) * len(shares)
+    return tuple(int(np.searchsorted(below, share * below[-1])) + 1 for share in shares)
 
 
 def add_chunk(progress: Progress, outcome: ChunkResult, run: MapRun) -> None:

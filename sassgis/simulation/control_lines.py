@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import math
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -135,9 +136,9 @@ class ControlLineSums:
         units, parts = own["sum"][:, control_line].tolist()
         return Distribution(
             count,
-            1e-6 * (units * _PARTS + parts) / count if count else float("nan"),
-            float(own["least"][control_line]) if count else float("nan"),
-            float(own["most"][control_line]) if count else float("nan"),
+            1e-6 * (units * _PARTS + parts) / count if count else math.nan,
+            float(own["least"][control_line]) if count else math.nan,
+            float(own["most"][control_line]) if count else math.nan,
             Histogram(edges, own["counts"][control_line].copy(), unit),
             own["squares"][control_line].copy(),
         )
@@ -218,8 +219,39 @@ def trimmed(histogram: Histogram, bins: int = 15) -> Histogram:
 BARRIER_OUTCOMES = (Outcome.STOPPED, Outcome.HELD_BY_NET, Outcome.OVERTOPPED, Outcome.BROKE_THROUGH)
 
 
-def control_line_rows(control_lines: ControlLineSums) -> list[dict[str, Any]]:
-    """Return a row of statistics for each station and barrier."""
+#: Blocks of single sources at the same lines, and how much each of their blocks counts.
+LineParts = Sequence[tuple[float, ControlLineSums]]
+#: What weights are rounded to: a share of all, small beside the sampling error.
+_WHOLE = 2.0**50
+
+
+def weighted_distribution(parts: LineParts, line: int, quantity: str) -> Distribution:
+    """Return the distribution of blocks that count by weights; its squares are those of none."""
+    found = [(weight, sums.distribution(line, quantity)) for weight, sums in parts]
+    found = [(weight, own) for weight, own in found if own.count and weight > 0.0]
+    unit, edges = QUANTITIES[quantity]
+    total = sum(weight * own.count for weight, own in found)
+    # Blocks that count alike stay whole numbers.
+    alike = len({weight for weight, _ in found}) == 1
+    scale = 1.0 / found[0][0] if alike else _WHOLE / (total or 1.0)
+    counts = sum((weight * own.histogram.counts for weight, own in found), np.zeros(edges.size - 1))
+    return Distribution(
+        sum(own.count for _, own in found),
+        sum(weight * own.count * own.mean for weight, own in found) / total if found else math.nan,
+        min((own.smallest for _, own in found), default=math.nan),
+        max((own.largest for _, own in found), default=math.nan),
+        Histogram(edges, np.rint(scale * counts).astype(np.int64), unit),
+        np.zeros(0, np.int64),
+    )
+
+
+def control_line_rows(
+    control_lines: ControlLineSums, parts: LineParts = ()
+) -> list[dict[str, Any]]:
+    """Return a row of statistics for each station and barrier.
+
+    With ``parts``, means and quantiles count blocks by their weights; numbers of blocks do not.
+    """
     rows = []
     for i, control_line in enumerate(control_lines.control_lines):
         row: dict[str, Any] = {"name": control_line.name, "kind": control_line.kind}
@@ -235,6 +267,8 @@ def control_line_rows(control_lines: ControlLineSums) -> list[dict[str, Any]]:
                 row[outcome.name.lower()] = outcomes[outcome]
         for quantity in (q for q in QUANTITIES if q != BEHIND):
             d = control_lines.distribution(i, quantity)
+            if parts:
+                d = weighted_distribution(parts, i, quantity)
             values = dict(
                 zip(("q50", "q95", "q99"), d.quantile(0.5, 0.95, 0.99), strict=True),
                 mean=d.mean,

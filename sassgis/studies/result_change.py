@@ -14,7 +14,7 @@ import shapely
 from sassgis.grid import FloatArray, IntArray
 from sassgis.hazard.significance import SampledRates, beyond_sampling
 from sassgis.settings.languages import joined, phrase
-from sassgis.settings.results import short
+from sassgis.settings.results import RUNOUT_COUNTS, short
 from sassgis.studies.stored_result import StoredResult
 
 
@@ -38,12 +38,13 @@ ENERGY_MEAN = "energy (95 % quantile), mean over the cells reached by both"
 HEIGHT_MEAN = "passing height (95 % quantile), mean over the cells reached by both"
 #: What would be more by both results counts each by itself.
 BY_ONE_ONLY = "area reached by one of them only"
-_RUNOUT = {
-    "run-out, median": 0.5,
-    "run-out, 95 % quantile": 0.95,
-    "run-out, 99 % quantile": 0.99,
-    "run-out, largest": 1.0,
-}
+_RUNOUT = dict(
+    zip(
+        RUNOUT_COUNTS,
+        ("run-out, median", "run-out, 95 % quantile", "run-out, 99 % quantile", "run-out, largest"),
+        strict=True,
+    )
+)
 #: Quantity and unit of the columns of control lines.
 _AT_LINES = {
     "rocks": ("share of blocks that arrive", "1"),
@@ -306,10 +307,11 @@ def _zone_rows(both: _Both) -> Iterator[ChangeRow]:
 
 def _runout_rows(both: _Both) -> Iterator[ChangeRow]:
     yield ChangeRow("run-out", "", "blocks that started", "1", *(r.blocks for r in both))
-    found = [r.runout_m for r in both]
-    for name, share in _RUNOUT.items() if any(own.size for own in found) else ():
-        values = (float(np.quantile(own, share)) if own.size else math.nan for own in found)
-        yield ChangeRow("run-out", "", name, "m", *values)
+    counts = [r.manifest["counts"] for r in both]
+    for key, name in _RUNOUT.items():
+        if any(key in own for own in counts):
+            values = (float(own.get(key, math.nan)) for own in counts)
+            yield ChangeRow("run-out", "", name, "m", *values)
 
 
 def _control_line_rows(both: _Both) -> Iterator[ChangeRow]:

@@ -31,8 +31,6 @@ class StoredResult:
     manifest: Mapping[str, Any]
     grid: Grid  # the terrain of the run; NaN where the folder has none
     maps: Mapping[str, RasterLayer]  # maps of the blocks and the hazard level, by their stem
-    # Shape (n,); run-out of the blocks whose stops are in the folder (m).
-    runout_m: FloatArray = field(default_factory=lambda: np.empty(0))
     # The row of each station and barrier, by its name.
     control_lines: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
     # Name, kind and coordinates of each control line.

@@ -23,12 +23,13 @@ from sassgis.grid import FloatArray, IntArray
 from sassgis.hazard.assess import Rules, curves_of
 from sassgis.hazard.curves import at_energies
 from sassgis.hazard.levels import hazard_level
-from sassgis.hazard.sources import sampled_sources
+from sassgis.hazard.sources import line_parts, sampled_sources
 from sassgis.settings.ground import LIMITS, ParameterRange
 from sassgis.settings.languages import phrase
 from sassgis.settings.map_run import MapRun, ObjectCells
 from sassgis.settings.statistics_table import bins_of
 from sassgis.simulation.accumulators import Progress
+from sassgis.simulation.control_lines import LineParts, weighted_distribution
 from sassgis.simulation.response import RunOutcome, energy_q95_kj, outcome_of, response
 
 #: Names of the simulations that are no points of a sample, no ends of a range and no draws.
@@ -156,8 +157,6 @@ def finding_of(
     reach = np.empty(0, np.int64)
     if sums.cells.size:
         reach = sums.column("reach")[np.argsort(sums.cells)].astype(np.int64)
-    numbers = range(len(run.control_lines))
-    energy = [float(lines.distribution(i, "energy_kj").quantile(0.95)[0]) for i in numbers]
     blocks = max(outcome.blocks, 1)
     hits = np.zeros(run.objects.n_objects if exposed is None else 0)
     for tally in progress.sources.values() if exposed is None else ():
@@ -168,12 +167,16 @@ def finding_of(
     if (met := rows >= 0).any():
         np.fmax.at(at_objects, objects.number[met], energy_q95_kj(sums, rows[met], bins))
     places, level = np.empty(0, np.int64), np.empty(0, np.int64)
+    parts: LineParts = [(1.0, lines)]
     if rules is not None:
         sampled = sampled_sources(run, progress, rules.frequencies)
+        parts = line_parts(sampled)
         curves = at_energies(curves_of(sampled, bins.threshold), rules.preset.thresholds_kj)
         order = np.argsort(curves.places)
         places = curves.places[order]
         level = hazard_level(curves, rules.preset)[order].astype(np.int64)
+    numbers = range(len(run.control_lines))
+    energy = [weighted_distribution(parts, i, "energy_kj").quantile(0.95)[0] for i in numbers]
     return VariantFinding(
         outcome.runout, outcome.cells, outcome.energy_kj,
         reach=reach[reach > 0], places=places, level=level,

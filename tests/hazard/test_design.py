@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pandas as pd
 import pytest
+import shapely
 
 from sassgis.hazard.design import (
     Arrivals,
@@ -17,12 +18,17 @@ from sassgis.hazard.design import (
     value_at_rate,
     value_limits,
 )
-from sassgis.hazard.sources import Sampled
-from sassgis.outputs.zone_tables import design_table, places_table, protection_table
+from sassgis.hazard.sources import Sampled, line_parts
+from sassgis.outputs.zone_tables import (
+    design_table,
+    places_table,
+    protection_table,
+    stays_above,
+)
 from sassgis.report.protection_page import needs_table
 from sassgis.settings.hazard_rules import HazardCurves, Source, SourceCounts
 from sassgis.settings.results import PASSAGE_DTYPE, ControlLine, Outcome
-from sassgis.simulation.control_lines import ControlLineSums, energy_behind
+from sassgis.simulation.control_lines import ControlLineSums, control_line_rows, energy_behind
 
 
 def curve_of(edges: np.ndarray, above: np.ndarray, w: float, largest: float) -> Arrivals:
@@ -181,3 +187,29 @@ def test_table_of_protection_by_hand() -> None:
     assert often["behind_per_year"] == pytest.approx(0.25) and math.isnan(often["energy_behind_kj"])
     assert rare["energy_behind_kj"] == pytest.approx(59.0, abs=4.0)
     assert rare["arrivals_per_year"] == pytest.approx(1.0)
+
+
+def test_a_line_moved_over_an_object_is_no_longer_above_it() -> None:
+    bent = np.array([[0.0, 0.0], [50.0, 10.0], [100.0, 0.0]])
+    house = shapely.box(40.0, -12.0, 60.0, -5.0)
+    assert stays_above(bent, bent - [0.0, 10.0], [house])
+    assert not stays_above(bent, bent - [0.0, 20.0], [house])
+    # Within the hull of both, but beside the way.
+    assert stays_above(bent, np.add(bent, [0.0, 5.0]), [shapely.box(20.0, 0.0, 80.0, 2.0)])
+
+
+def test_a_line_has_one_95_percent_value() -> None:
+    """Weak blocks come often, strong ones seldom: the layer and the design table agree."""
+    weak, strong = (ControlLineSums((NET,)) for _ in range(2))
+    rows = passages([Outcome.PASSED])
+    weak.add(rows)
+    rows["energy_trans_kj"] += 1000.0
+    strong.add(rows)
+    both = sampled(weak, 1.0) + sampled(strong, 0.01)
+    row = control_line_rows(weak, line_parts(both))[0]
+    design = design_table([NET], both, (30.0,)).iloc[0]
+    assert row["energy_kj_q95"] == pytest.approx(design["energy_q95_kj"], rel=1e-4)
+    assert row["energy_kj_q95"] < 100.0 < row["energy_kj_max"] and row["rocks"] == 100
+    assert row["energy_kj_mean"] == pytest.approx((50.5 + 0.01 * 1050.5) / 1.01, rel=1e-4)
+    # Blocks that count alike are as blocks without a weight.
+    assert control_line_rows(weak, [(0.3, weak)]) == control_line_rows(weak)

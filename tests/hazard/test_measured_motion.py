@@ -24,8 +24,8 @@ def test_the_table_rises_and_names_its_sources() -> None:
 
 
 def test_the_class_of_a_size_is_that_of_its_largest_block() -> None:
-    assert SMALL.largest_volume_m3 == pytest.approx(4.0 / 3.0 * np.pi * 0.2**3)
-    assert LARGE.largest_volume_m3 == 3.0
+    assert SMALL.volume_limits_m3[1] == pytest.approx(4.0 / 3.0 * np.pi * 0.2**3)
+    assert LARGE.volume_limits_m3[1] == 3.0
     first, *_, last = measured_motion()
     assert measured_at(0.5 * first["volume_to_m3"]) is first
     assert measured_at(10.0 * last["volume_to_m3"]) is last

@@ -329,8 +329,12 @@ def test_a_sheet_of_protection_is_a_page_of_a4(zoned: Zoned, tmp_path: Path) -> 
 
 def test_best_place_is_where_enough_blocks_come() -> None:
     columns = ("moved_m", "arrivals_per_year", "energy_q95_kj", "height_q95_m")
-    rows = [(-40, 0.5, 10, 0.5), (-20, 1.1, 80, 2), (0, 1.0, 90, 3), (20, 0.9, 95, 1)]
+    rows = [
+        (-40, 0.5, 10, 0.5), (-20, 1.1, 80, 2), (0, 1.0, 90, 3), (20, 0.9, 95, 1),
+        (40, 0.9, 20, 0.2),
+    ]  # fmt: skip
     places = pd.DataFrame(rows, columns=columns, dtype=float)
+    places["above_objects"] = places["moved_m"] < 40.0
     best = best_places(places)
     assert best is not None and [row["moved_m"] for row in best] == [-20.0, 20.0]
     assert best_places(places[places["moved_m"] == 0.0]) is None

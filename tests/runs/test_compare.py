@@ -221,7 +221,6 @@ def test_results_changed_by_hand_are_one_line(results: Any, tmp_path: Path, refu
 
     for file, layer, column in (
         ("result.gpkg", "stations", "rocks"),
-        ("result.gpkg", "stops", "runout_m"),
         ("hazard.gpkg", "hazard_zones", "label"),
     ):
         whole = (changed / file).read_bytes()

@@ -18,7 +18,7 @@ def most(block: BlockPopulation, relief_m: float, gravity: float) -> tuple[float
     """Energy (kJ) and speed (m/s) of a block that loses nothing on its way down."""
     fall = relief_m + block.drop_m[1]
     square = block.speed_mps[1] ** 2 + 2.0 * gravity * fall
-    return 5e-4 * block.largest_mass_kg * square, float(np.sqrt(square))
+    return 5e-4 * block.mass_limits_kg[1] * square, float(np.sqrt(square))
 
 
 @pytest.mark.parametrize(

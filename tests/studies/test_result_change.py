@@ -17,7 +17,7 @@ from sassgis.errors import InputError
 from sassgis.grid import Grid
 from sassgis.hazard.zoning.coverage import Coverage
 from sassgis.settings.exposure import ExposedObject, PlacedObjects
-from sassgis.settings.results import Band, RasterClass, RasterLayer
+from sassgis.settings.results import RUNOUT_COUNTS, Band, RasterClass, RasterLayer
 from sassgis.studies.result_change import (
     ENERGY_MEAN,
     REACH_MEAN,
@@ -42,6 +42,11 @@ def manifest(**changed: Any) -> dict[str, Any]:
         "counts": {"rocks": 101, "rocks_never_started": 1},
         **changed,
     }  # fmt: skip
+
+
+def with_runouts(*metres: int) -> dict[str, Any]:
+    counts = manifest()["counts"] | dict(zip(RUNOUT_COUNTS, metres, strict=True))
+    return manifest(counts=counts)
 
 
 def layer(stem: str, classes: tuple[RasterClass, ...] = (), **bands: np.ndarray) -> RasterLayer:
@@ -126,12 +131,12 @@ def test_zones_runouts_and_control_lines() -> None:
     box = shapely.box(0.0, 0.0, 10.0, 10.0)
     line = {"rocks": 20, "energy_kj_q95": 5.0, "speed_mps_q95": 3.0, "height_m_q95": 1.0}
     one = stored(
-        block(2), zones=Coverage(np.array([box]), np.array([1])), runout_m=np.arange(101.0),
-        control_lines={"road": line},
+        block(2), zones=Coverage(np.array([box]), np.array([1])),
+        manifest=with_runouts(50, 95, 99, 100), control_lines={"road": line},
     )  # fmt: skip
     two = stored(
         block(2), zones=Coverage(np.array([box, box]), np.array([1, 2])),
-        runout_m=np.arange(101.0) + 7.0, control_lines={"new": line},
+        manifest=with_runouts(57, 102, 106, 107), control_lines={"new": line},
     )  # fmt: skip
     found = result_change(one, two, NO_OBJECTS)
     assert [(r.name, r.before, r.after) for r in found.of("zones")] == [

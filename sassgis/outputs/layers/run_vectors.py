@@ -28,7 +28,7 @@ from sassgis.settings.results import (
     StopReason,
 )
 from sassgis.simulation.accumulators import Progress, joined_lines, kept_stops
-from sassgis.simulation.control_lines import control_line_rows
+from sassgis.simulation.control_lines import LineParts, control_line_rows
 from sassgis.simulation.path_sample import BlockPath
 from sassgis.terrain.prepare import Plan
 
@@ -197,9 +197,14 @@ _OUTCOMES = [
 ]
 
 
-def control_line_layers(run: MapRun, progress: Progress) -> list[VectorLayer]:
-    """Return stations, and walls and nets, with the statistics of the blocks that reach them."""
-    rows = control_line_rows(progress.control_lines)
+def control_line_layers(
+    run: MapRun, progress: Progress, parts: LineParts = ()
+) -> list[VectorLayer]:
+    """Return stations, and walls and nets, with the statistics of the blocks that reach them.
+
+    With ``parts`` these are of blocks that count by their frequency.
+    """
+    rows = control_line_rows(progress.control_lines, parts)
     kinds = [line.kind for line, _ in run.control_lines]
     stations = [i for i, kind in enumerate(kinds) if kind == "station"]
     barriers = [i for i, kind in enumerate(kinds) if kind != "station"]
@@ -273,14 +278,21 @@ def footprint(run: MapRun, layers: Sequence[RasterLayer]) -> VectorLayer:
 
 
 def all_layers(
-    run: MapRun, planned: Plan, progress: Progress, layers: Sequence[RasterLayer]
+    run: MapRun,
+    planned: Plan,
+    progress: Progress,
+    layers: Sequence[RasterLayer],
+    parts: LineParts = (),
 ) -> list[VectorLayer]:
-    """Return the layers of ``result.gpkg``; ``layers`` are the maps of the blocks."""
+    """Return the layers of ``result.gpkg``; ``layers`` are the maps of the blocks.
+
+    ``parts`` are those of control_line_layers.
+    """
     return [
         release_areas(run, planned),
         release_points(run, planned),
         fall_lines(run, planned, progress),
         stops(run, planned, progress),
-        *control_line_layers(run, progress),
+        *control_line_layers(run, progress, parts),
         footprint(run, layers),
     ]
