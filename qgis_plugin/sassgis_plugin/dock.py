@@ -240,10 +240,12 @@ class SiteDock(QDockWidget):
         self.width_m.valueChanged.connect(self.refresh)
         self.preset.addItems(PRESETS)
         self.edits = self._layers(QgsMapLayerProxyModel.PolygonLayer)
+        self.assessed = self._layers(QgsMapLayerProxyModel.PolygonLayer)
         self.auto = QCheckBox("More blocks, as many as the map needs")
         form.addRow("Reference width (m)", self.width_m)
         form.addRow("Rules", self.preset)
         form.addRow("Edits by hand", self.edits)
+        form.addRow("Assessed area", self.assessed)
         form.addRow(self.auto)
         (self.zone_button,) = self._buttons(form, ("Make zones", lambda: self.start("zone")))
         self.share_bar = QProgressBar()
@@ -295,18 +297,17 @@ class SiteDock(QDockWidget):
             for own in self.scenarios()
             for cell in (own.name, own.low_m3, own.high_m3, own.frequency)
         ]
+        drawn = {"EDITS": self.edits, "ASSESSED": self.assessed} if command == "zone" else {}
         layers = {"DEM": self.dem, "RELEASE": self.release, "GROUND_LAYER": self.ground_layer}
         chosen = {
             name: combo.currentLayer()
-            for name, combo in {**layers, **self.further}.items()
+            for name, combo in {**layers, **self.further, **drawn}.items()
             if combo.currentLayer() is not None
         }
-        edits = self.edits.currentLayer()
         zoning = {
             "REF_WIDTH": self.width_m.value(),
             "PRESET": self.preset.currentText(),
             "AUTO": self.auto.isChecked(),
-            **({} if edits is None else {"EDITS": edits}),
         }
         vulnerability = self.vulnerability.filePath()
         return {

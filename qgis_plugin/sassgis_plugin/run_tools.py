@@ -53,6 +53,7 @@ _LAYERS = (
     ("BUILDINGS", "buildings", "Buildings (value, persons, presence)", POLYGONS),
     ("ROADS", "roads", "Roads (value_per_m, traffic_per_day, ...)", LINES),
     ("PEOPLE", "people", "Places of people (persons, presence)", QgsProcessing.TypeVectorPoint),
+    ("ASSESSED", "assessed_area", "Zone: area that was assessed completely", POLYGONS),
     ("EDITS", "edits", "Zone: edits by hand (level, limit, author, date, reason)", POLYGONS),
 )
 EXPOSED = ("BUILDINGS", "ROADS", "PEOPLE")
@@ -69,7 +70,7 @@ _FROM_LAYERS = (
 
 def _site_parameters(width: bool) -> list[QgsProcessingParameterDefinition]:
     """A configuration, or layers and the choices that every site needs."""
-    layers = _LAYERS if width else _LAYERS[:-1]
+    layers = _LAYERS if width else _LAYERS[:-2]
     first, *others = (features(name, text, kind) for name, _, text, kind in layers)
     return [
         config("Configuration of the site (sassgis.toml), or the layers below", optional=True),

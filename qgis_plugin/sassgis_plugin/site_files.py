@@ -39,6 +39,7 @@ SITE_LAYERS: Mapping[str, tuple[str, ...]] = {
     "forest": ("stems_per_ha", "dbh_cm"),
     "ground": ("class",),
     "edits": ("level", "limit", "author", "date", "reason", "computed"),
+    "assessed_area": (),
 }  # fmt: skip
 #: Columns that the features of a layer must have.
 NEEDED: Mapping[str, tuple[str, ...]] = {

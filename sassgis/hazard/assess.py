@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 import shapely
@@ -309,6 +310,7 @@ class Rules:
     ref_width_m: float  # reference width of all frequencies (m): one cell or more
     notices: tuple[str, ...]  # what the readers had to say
     edits: tuple[Edit, ...] = ()  # of the zones with the walls and nets there are
+    assessed: tuple[Any, ...] = ()  # shapely polygons: what was assessed completely
     in_part: bool = False  # whether maps are made part by part: sampling_error.level_chances
 
 

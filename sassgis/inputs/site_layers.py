@@ -51,6 +51,7 @@ class SiteLayer:
     #: Keys of the section besides the file and the layer; those that name a column, by the column.
     fixed: Mapping[str, object] = field(default_factory=dict)
     attributes: Mapping[str, str] = field(default_factory=dict)
+    file_keys: tuple[str, str] = ("file", "layer")
 
 
 _NAME = FieldInfo("name", description="name that no other feature has", needed=True, unique=True)
@@ -136,6 +137,11 @@ def site_layers() -> tuple[SiteLayer, ...]:
         ),
         *(_objects(kind) for kind in OBJECT_KINDS),
         SiteLayer("edits", "edits", edit_fields(levels, False), EDIT_STYLE),
+        SiteLayer(
+            "assessed_area", "hazard", {},
+            VectorStyle(Symbol("fill", "#ffffff", opacity=0.0, outline="#222222", outline_mm=0.5)),
+            file_keys=("assessed", "assessed_layer"),
+        ),
         SiteLayer(
             "release_areas", "release", {"name": _NAME, "scenario": scenarios},
             RELEASE_AREA_STYLE, {}, _named_by("name", "scenario"),
@@ -274,7 +280,7 @@ def _toml(text: str) -> object:
 def _keys_of(own: SiteLayer, file: Path, place: str) -> dict[str, object]:
     """Return the section for a layer of a site: attributes count where one feature has a value."""
     keys: dict[str, object] = dict(own.fixed)
-    keys |= {"file": place, "layer": own.name}
+    keys |= dict(zip(own.file_keys, (place, own.name), strict=True))
     table = _table(file, own.name)
     for column, key in own.attributes.items():
         if column not in table.columns:

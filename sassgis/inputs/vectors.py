@@ -373,6 +373,18 @@ def read_edits(settings: EditSettings, preset: HazardPreset, grid: Grid) -> tupl
     return tuple(_edit(f, codes, grid) for f in features)
 
 
+def assessed_area(file: Input | None, layer: str | None, grid: Grid) -> tuple[Any, ...]:
+    """Read polygons of what was assessed; InputError if none of them is on the terrain model."""
+    if file is None:
+        return ()
+    field = "hazard.assessed"
+    features = read_features(file, grid, field, layer=layer, kinds=("polygon",))
+    if not any(share_inside(feature, grid) > 0.0 for feature in features):
+        whole = shapely.GeometryCollection([feature.geometry for feature in features])
+        raise outside(file, field, "the assessed area", whole.bounds, grid)
+    return tuple(feature.geometry for feature in features)
+
+
 def check_no_edits(settings: EditSettings) -> None:
     """Raise InputError if there are edits; a layer without features is none."""
     if settings.file is None:

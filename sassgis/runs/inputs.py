@@ -25,7 +25,12 @@ from sassgis.inputs.ground_map import default_class, ground_raster, read_forest,
 from sassgis.inputs.objects import joined_objects, object_cells, read_objects, read_vulnerability
 from sassgis.inputs.presets import read_preset
 from sassgis.inputs.tiles import read_terrain
-from sassgis.inputs.vectors import read_control_lines, read_release, release_names
+from sassgis.inputs.vectors import (
+    assessed_area,
+    read_control_lines,
+    read_release,
+    release_names,
+)
 from sassgis.settings.exposure import PlacedObjects
 from sassgis.settings.ground import GroundTable
 from sassgis.settings.hazard_rules import HazardPreset, Onset
@@ -131,6 +136,7 @@ def zoning_files(config: Config) -> dict[str, Input]:
     files: dict[str, Input | None] = {
         "frequencies": config.hazard.frequencies,
         "vulnerability": config.risk.vulnerability,
+        "assessed area": config.hazard.assessed,
         "edits": config.edits.file,
     }
     files |= {f"objects {o.name}": o.file for o in config.objects}
@@ -238,6 +244,7 @@ def read_rules(config: Config, run: MapRun) -> Rules:
         zones=zones,
         ref_width_m=width,
         notices=tuple(notices),
+        assessed=assessed_area(config.hazard.assessed, config.hazard.assessed_layer, run.grid),
     )
 
 

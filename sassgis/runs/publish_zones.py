@@ -102,7 +102,7 @@ def zone_extras(rules: Rules, found: Assessment, done: Simulation, figures: Path
             bare = values_at_objects(done, without.sampled, periods, heights=False)
         risk = risk_vectors(found.risk, rules.placed, grid.crs, currency, values)
         frames |= risk_tables(found.risk, found.risk_without, currency, (values, bare))
-    federal = federal_layers(config, grid, preset, width, hazard, found.by_area)
+    federal = federal_layers(config, grid, rules, hazard, found.by_area)
     levels = level_table(preset, found)
     energies = hazard.curves.energies_kj
     on_objects = levels_of(rules.placed, hazard.levels, preset, hazard.sampled, energies)
@@ -174,7 +174,7 @@ def group_zones(config: Config, rules: Rules, grid: Grid, found: Assessment) -> 
     """Return zones of a group of areas, of the layers that make sense for all groups together."""
     width, confidence = rules.ref_width_m, config.hazard.confidence
     zones = zone_layers.hazard_zones(found.hazard, rules.preset, grid, width, confidence)
-    federal = federal_layers(config, grid, rules.preset, width, found.hazard, {})
+    federal = federal_layers(config, grid, rules, found.hazard, {})
     return [layer for layer in (zones, *federal) if layer.name in _OF_GROUPS]
 
 

@@ -373,6 +373,15 @@ class HazardSettings(Section):
     compare_barriers: Annotated[
         bool, "whether the zones are also made without walls and nets, and compared"
     ] = True
+    assessed: Annotated[
+        InputFile | None,
+        "polygons of the area that was assessed completely (federal model); without it the whole "
+        "terrain model is declared as still to be clarified",
+        Example("perimeter.gpkg"),
+    ] = None
+    assessed_layer: Annotated[
+        Text | None, "layer of assessed, if the file has several", Example("assessed_area")
+    ] = None
     design_return_periods_years: Annotated[
         Several[Annotated[float, Interval(ge=1, le=10_000)]],
         MinLen(1),

@@ -91,3 +91,22 @@ def test_edits_that_cannot_be_used(
     line = refusal("zone", case.config, "-o", case.folder / "bad", "--edits", edits)
     assert all(word in line.replace("bad_edits", "edits") for word in words), line
     assert not (case.folder / "bad").exists()
+
+
+def test_only_a_drawn_perimeter_is_declared_as_assessed(case: Case, printed, refusal) -> None:
+    drawn = box(-5.0, 20.0, 15.0, 12.0)
+    case.write_layer("perimeter.gpkg", [drawn], {})
+    for file, state in ((None, "to_be_clarified"), ("perimeter.gpkg", "complete")):
+        case.set("hazard.assessed", file)
+        out = case.folder / state
+        printed("zone", case.config, "-o", out)
+        area = gpd.read_file(out / "hazard.gpkg", layer="assessment_area")
+        assert set(area["rf_state_rock_fall"]) == {f"assessed_and_{state}"}
+    known = gpd.read_file(case.folder / "to_be_clarified" / "hazard.gpkg", layer="assessment_area")
+    expected = known.union_all().intersection(drawn)
+    assert 0.0 < expected.area < drawn.area
+    assert area.union_all().symmetric_difference(expected).area < 1e-3
+    case.write_layer("perimeter.gpkg", [box(500.0, 5.0, 510.0, 10.0)], {})
+    line = refusal("zone", case.config, "-o", case.folder / "far")
+    assert "perimeter.gpkg: hazard.assessed" in line, line
+    case.set("hazard.assessed", None)

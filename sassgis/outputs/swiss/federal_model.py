@@ -32,7 +32,7 @@ from sassgis.settings.map_run import Config
 from sassgis.settings.styles import FieldInfo, Symbol, VectorStyle
 
 if TYPE_CHECKING:
-    from sassgis.hazard.assess import Hazard, Intensities
+    from sassgis.hazard.assess import Hazard, Intensities, Rules
 
 MODEL_TITLE = "Swiss federal minimal geodata model 166.1, Hazard Mapping, version 1.3"
 MODEL_NAME, MODEL_VERSION = "Hazard_Mapping_LV95_V1_3", "2021-03-01"
@@ -343,16 +343,22 @@ _SYMBOLS = {
 def federal_layers(
     config: Config,
     grid: Grid,
-    preset: HazardPreset,
-    ref_width_m: float,
+    rules: Rules,
     hazard: Hazard,
     by_area: Mapping[str, Intensities],
 ) -> list[VectorLayer]:
     """Return the layers of the federal model 166.1, or the same layers without claiming it."""
+    preset, ref_width_m = rules.preset, rules.ref_width_m
     crs = grid.crs or None
     claims = in_federal_extent(crs, grid.bounds) and has_federal_codes(preset)
     level_codes = [level.code for level in preset.levels]
     assessed = cell_polygons(np.isfinite(grid.values), grid)
+    complete = {}
+    if rules.assessed:
+        # Only what somebody draws and vouches for is complete.
+        known = shapely.union_all(assessed).intersection(shapely.union_all(rules.assessed))
+        assessed = np.array([known], np.object_)
+        complete = {"rf_state_rock_fall": "assessed_and_complete"}
     along = "a path for each block" if config.terrain.path == "followed" else "fall lines"
     method = (
         f"SASS (Bozzolo and Pamini, 1986): blocks simulated along {along}; "
@@ -384,7 +390,7 @@ def federal_layers(
         "indicative_hazard_area": [
             (polygon, {"hazard_area_existing": True, "method": method}) for polygon in reached
         ],
-        "assessment_area": [(polygon, {}) for polygon in assessed],
+        "assessment_area": [(polygon, complete) for polygon in assessed],
     }
     if not by_area:
         del rows["intensity_by_source"]

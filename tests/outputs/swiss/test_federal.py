@@ -80,7 +80,7 @@ def test_values_and_types_survive_the_geopackage(tmp_path: Path) -> None:
     states = pyogrio.read_dataframe(path, layer="assessment_area", read_geometry=False)
     others = [c for c in states if "_state_" in c and c != "rf_state_rock_fall"]
     assert others and set(states.loc[0, others]) == {"not_assessed"}
-    assert states.loc[0, "rf_state_rock_fall"] == "assessed_and_complete"
+    assert states.loc[0, "rf_state_rock_fall"] == "assessed_and_to_be_clarified"
 
 
 def test_parts_become_features_of_their_own_on_whole_millimetres() -> None:
