@@ -145,7 +145,7 @@ def _zoned(config: Path, out: Path, as_json: bool, given: Mapping[str, Any]) -> 
     edge = edge_words(result.run.run, result.run.progress, float(hazard.facts.open_m.sum()))
     said = (
         f"{result.run.n_blocks} blocks, {zones} zones.",
-        sample_words(hazard.changed_share), edge, _edited(hazard.edits),
+        sample_words(hazard.chances, result.rules.preset), edge, _edited(hazard.edits),
     )  # fmt: skip
     summary = _with_spread(" ".join(filter(None, said)), result.run)
     facts = {

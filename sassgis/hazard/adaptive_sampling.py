@@ -47,13 +47,15 @@ class MoreBlocks:
         curves = curves_of(sampled, bins_of(run).threshold)
         known = np.isfinite(run.grid.values)
         level = hazard_level(curves, self.rules.preset)
-        share = level_chances(curves, level, self.rules.preset, known).changed_share
+        chances = level_chances(curves, level, self.rules.preset, known)
+        share = chances.target_share
         # A state that was saved after the last repetition is asked once more.
         if not progress.history or progress.history[-1][0] < progress.simulated:
             progress.history.append((progress.simulated, share))
         self.tell(
             f"{progress.simulated} blocks: with another random seed, "
-            f"{100 * share:.1f} % of the zoned area changes level"
+            f"{100 * chances.changed_share:.1f} % of the zoned area changes level; "
+            f"larger of this and the mean of the levels: {100 * share:.1f} %"
         )
         if share <= self.budget.changed_share:
             return None

@@ -65,6 +65,27 @@ class LevelChances:
         zoned = int((self.level > 0).sum())
         return float(self.changed.sum()) / zoned if zoned else 0.0
 
+    @property
+    def changed_by_level(self) -> FloatArray:
+        """Expected share of the area of each level that would change, shape (n_levels,).
+
+        NaN of a level without area.
+        """
+        n = self.at_least.shape[1] - 1
+        cells = np.bincount(self.level, minlength=n)[1:]
+        changed = np.bincount(self.level, self.changed, minlength=n)[1:]
+        return np.divide(changed, cells, out=np.full(n - 1, np.nan), where=cells > 0)
+
+    @property
+    def target_share(self) -> float:
+        """Share that a search for enough blocks brings down, so that no level is left out.
+
+        That of the zoned area, or the mean over the levels with an area if it is larger.
+        """
+        of_levels = self.changed_by_level
+        mean = float(np.nanmean(of_levels)) if np.isfinite(of_levels).any() else 0.0
+        return max(self.changed_share, mean)
+
     def interval(self, confidence: float) -> tuple[NDArray[np.int16], NDArray[np.int16]]:
         """Return the lowest and highest level between which another sample would put each place.
 

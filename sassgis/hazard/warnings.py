@@ -6,6 +6,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Mapping, Sequence
 
 import numpy as np
@@ -13,11 +14,12 @@ import numpy as np
 from sassgis.engine.effects.lateral_deflection import LateralDeflection
 from sassgis.grid import IntArray
 from sassgis.hazard.levels import preset_unverified
+from sassgis.hazard.sampling_error import LevelChances
 from sassgis.hazard.zoning.applied_edits import AppliedEdit, shares_text
 from sassgis.settings.blocks import EffectSettings
 from sassgis.settings.ground import GroundClass, Trust
 from sassgis.settings.hazard_rules import BlockBudget, HazardPreset
-from sassgis.settings.languages import Phrase, phrase
+from sassgis.settings.languages import Phrase, joined, phrase
 from sassgis.settings.map_run import MapRun
 from sassgis.settings.results import STOP_TEXT, LineEnd, ReleasePoints, StopReason, short, thousands
 from sassgis.simulation.accumulators import Progress, line_ends
@@ -210,10 +212,15 @@ def rule_warnings(preset: HazardPreset, frequencies: Mapping[tuple[str, str], fl
     return out
 
 
-def sample_words(changed_share: float) -> str:
+def sample_words(chances: LevelChances, preset: HazardPreset) -> str:
     """State what another sample would change, in one sentence for command, report and sheets."""
-    text = "With another random seed, {} % of the zoned area changes level."
-    return phrase(text, f"{100 * changed_share:.1f}")
+    shares = zip(preset.levels, chances.changed_by_level.tolist(), strict=True)
+    levels = [
+        phrase("{} {} %", phrase(level.label), f"{100 * share:.1f}")
+        for level, share in shares if not math.isnan(share)
+    ][::-1]  # fmt: skip
+    text = "With another random seed, {} % of the zoned area changes level; of each level: {}."
+    return phrase(text, f"{100 * chances.changed_share:.1f}", joined(", ", levels))
 
 
 def edge_words(run: MapRun, progress: Progress, open_m: float) -> str:
@@ -234,15 +241,18 @@ def edge_words(run: MapRun, progress: Progress, open_m: float) -> str:
     return phrase(text, lost, f"{open_m:.0f}")
 
 
-def zone_warnings(changed_share: float, budget: BlockBudget | None) -> list[str]:
+def zone_warnings(
+    chances: LevelChances, preset: HazardPreset, budget: BlockBudget | None
+) -> list[str]:
     """Warn of what a zoning has not settled within its budget."""
-    if budget is None or changed_share <= budget.changed_share:
+    if budget is None or chances.target_share <= budget.changed_share:
         return []
     text = (
-        "{} The limit hazard.changed_share_max is {} %. The run stopped at hazard.blocks_max or "
-        "hazard.minutes_max before it reached this limit."
+        "{} The limit hazard.changed_share_max for this area and for the mean of the levels is "
+        "{} %. The run stopped at hazard.blocks_max or hazard.minutes_max before it reached this "
+        "limit."
     )
-    return [phrase(text, sample_words(changed_share), f"{100 * budget.changed_share:g}")]
+    return [phrase(text, sample_words(chances, preset), f"{100 * budget.changed_share:g}")]
 
 
 def edit_lines(applied: Sequence[AppliedEdit]) -> list[str]:

@@ -21,6 +21,7 @@ from sassgis.report.figures.map_marks import MapObject
 from sassgis.report.page import Cell, ReportContext, ReportFigure, ReportTable, sensible, table_of
 from sassgis.report.pictures import map_alt, path_alt, picture, station_alt
 from sassgis.settings.ground import TRUST_TEXT
+from sassgis.settings.hazard_rules import HazardPreset
 from sassgis.settings.languages import joined, named, phrase
 from sassgis.settings.map_run import MapRun
 from sassgis.settings.results import (
@@ -107,14 +108,19 @@ def object_lines(exposed: ReportTable) -> Lines:
 
 
 def zone_lines(
-    levels: ReportTable, found: Assessment, edge: str, confidence: float, currency: str
+    preset: HazardPreset,
+    levels: ReportTable,
+    found: Assessment,
+    edge: str,
+    confidence: float,
+    currency: str,
 ) -> Lines:
     """State the area of the zones by level, how sure they are, and the risk of all objects."""
     areas = [phrase("{} {} m²", phrase(str(row[0])), sensible(row[2])) for row in levels.rows]
     hazard = found.hazard
     text = "{} The hatched cells ({} % of the zoned area) hold {} % of these changes."
     shares = (f"{100 * share:.3g}" for share in (hazard.uncertain_share, confidence))
-    sample = phrase(text, sample_words(hazard.changed_share), *shares)
+    sample = phrase(text, sample_words(hazard.chances, preset), *shares)
     lines: list[tuple[str, str]] = [
         ("Hazard zones", joined("; ", areas)), ("Sampling error", sample)
     ]  # fmt: skip

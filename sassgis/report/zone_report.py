@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -126,8 +127,9 @@ def zone_figures(
         add(
             "blocks",
             "Effect of more blocks",
-            "Share of the zoned area that changes level with another random seed, after each "
-            "round of blocks. Red line: limit hazard.changed_share_max.",
+            "Share that changes level with another random seed, after each round of blocks: of "
+            "the zoned area, or the mean of the levels if it is larger. Red line: limit "
+            "hazard.changed_share_max.",
             joined(", ", (
                 phrase("{} blocks: {} %", thousands(n), f"{100 * share:.1f}")
                 for n, share in history
@@ -276,6 +278,9 @@ def level_table(preset: HazardPreset, found: Assessment) -> ReportTable:
     zones = found.hazard.levels
     count = [int((zones.classes == k + 1).sum()) for k in range(len(preset.levels))]
     cells: list[Sequence[Cell]] = [[v.label for v in preset.levels], count, areas(zones)]
+    columns += "; changes level with another seed | %"
+    changed = found.hazard.chances.changed_by_level.tolist()
+    cells.append([None if math.isnan(share) else round(100.0 * share, 1) for share in changed])
     if found.hazard.edits:
         columns += "; area as computed | m²"
         cells.append(areas(found.hazard.computed))

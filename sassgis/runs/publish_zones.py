@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
@@ -9,7 +10,7 @@ from typing import Any
 
 from sassgis.files.vector_layer import VectorLayer
 from sassgis.grid import Grid
-from sassgis.hazard.assess import Assessment, Rules
+from sassgis.hazard.assess import Assessment, Hazard, Rules
 from sassgis.hazard.risk import RiskTable
 from sassgis.hazard.sampling_error import LevelChances
 from sassgis.hazard.sources import line_parts
@@ -40,9 +41,9 @@ from sassgis.runs.publish import (
     values_at_objects,
 )
 from sassgis.runs.resumable_run import Simulation
-from sassgis.settings.hazard_rules import HazardCurves
+from sassgis.settings.hazard_rules import HazardCurves, HazardPreset
 from sassgis.settings.map_run import Config
-from sassgis.settings.results import RasterLayer
+from sassgis.settings.results import CHANGED_SHARE, RasterLayer
 
 #: Layers of a group of areas that make sense for all groups together; the first is a table, too.
 _OF_GROUPS = ("hazard_zones", "hazard_area", "synoptic_intensity", "indicative_hazard_area")
@@ -129,7 +130,7 @@ def zone_extras(rules: Rules, found: Assessment, done: Simulation, figures: Path
             preset, found, sources, design, return_periods_years=periods, currency=currency
         ),
         described=zone_facts_of(rules),
-        summary=zone_lines(levels, found, edge, confidence, currency),
+        summary=zone_lines(preset, levels, found, edge, confidence, currency),
         hazard=map_hazard(rules, found),
         contributions=rates_by_source(hazard.sampled),
         parts=line_parts(hazard.sampled),
@@ -143,6 +144,7 @@ def zone_extras(rules: Rules, found: Assessment, done: Simulation, figures: Path
             "hazard_ref_width_m": width,
             "confidence": confidence,
             "changed_share": round(hazard.changed_share, 4),
+            **_changed_by_level(hazard, preset),
             "uncertain_share": round(hazard.uncertain_share, 4),
             "left_terrain_share": round(done.progress.lost_share, 4),
             "repetitions": run.repetitions,
@@ -150,13 +152,19 @@ def zone_extras(rules: Rules, found: Assessment, done: Simulation, figures: Path
         frames=frames,
         warnings=(
             *rule_warnings(preset, rules.frequencies),
-            *zone_warnings(hazard.changed_share, budget),
+            *zone_warnings(hazard.chances, preset, budget),
             *edit_warnings(hazard.edits),
         ),
         placed=rules.placed,
         edits=edits,
         origin=_origin(config, rules),
     )  # fmt: skip
+
+
+def _changed_by_level(hazard: Hazard, preset: HazardPreset) -> dict[str, float]:
+    """Return what another sample would change of each level that has an area, by its code."""
+    shares = zip(preset.levels, hazard.chances.changed_by_level.tolist(), strict=True)
+    return {f"{CHANGED_SHARE}_{k.code}": round(x, 4) for k, x in shares if not math.isnan(x)}
 
 
 def hazard_maps(

@@ -347,13 +347,14 @@ class HazardSettings(Section):
         Literal["given", "auto"],
         "how many blocks are simulated; given: release.rocks_per_point at each point; auto: more, "
         "until another sample would change the level on no more than changed_share_max of the "
-        "zoned area, most of them at points from which blocks reach places of uncertain level",
+        "zoned area and of the levels on average, most of them at points from which blocks reach "
+        "places of uncertain level",
     ] = "given"
     changed_share_max: Annotated[
         float | None,
         Interval(gt=0, lt=1),
-        'with blocks = "auto": largest share of the zoned area whose level another sample of as '
-        "many blocks may change; default: 0.02",
+        'with blocks = "auto": largest share of the zoned area, and of the levels on average, '
+        "whose level another sample of as many blocks may change; default: 0.02",
         Renamed("uncertain_share_max"),
         Example(0.02),
     ] = None

@@ -19,6 +19,10 @@ RUNOUT_COUNTS = {
 }  # fmt: skip
 
 
+#: What manifests call the share of an area that another sample of blocks would change.
+CHANGED_SHARE = "changed_share"
+
+
 class StopReason(IntEnum):
     """Why the simulation of a block stops."""
 

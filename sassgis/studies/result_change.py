@@ -37,6 +37,7 @@ REACH_MEAN = "reach probability, mean over the cells reached by either"
 ENERGY_MEAN = "energy (95 % quantile), mean over the cells reached by both"
 HEIGHT_MEAN = "passing height (95 % quantile), mean over the cells reached by both"
 #: What would be more by both results counts each by itself.
+SEED_SHARE = "share that changes level with another random seed"
 BY_ONE_ONLY = "area reached by one of them only"
 _RUNOUT = dict(
     zip(
@@ -300,9 +301,13 @@ def _zone_rows(both: _Both) -> Iterator[ChangeRow]:
     zones = [r.zones for r in both if r.zones is not None]
     if len(zones) < 2:
         return
+    codes = dict(enumerate(both[1].level_codes, 1))
     for entry in sorted(both[1].maps[LEVEL.stem].classes, key=lambda c: -c.value):
         own = (shapely.area(z.polygons[z.classes == entry.value]).sum() for z in zones)
         yield ChangeRow("zones", entry.label, "area of zones", "m2", *map(float, own))
+        changed = [r.seed_share(codes.get(int(entry.value), "")) for r in both]
+        if not all(map(math.isnan, changed)):
+            yield ChangeRow("zones", entry.label, SEED_SHARE, "1", *changed)
 
 
 def _runout_rows(both: _Both) -> Iterator[ChangeRow]:

@@ -17,7 +17,7 @@ from sassgis.grid import FloatArray, Grid
 from sassgis.hazard.zoning.coverage import Coverage
 from sassgis.settings.crs import crs_name, same_crs
 from sassgis.settings.exposure import PlacedObjects
-from sassgis.settings.results import RasterLayer
+from sassgis.settings.results import CHANGED_SHARE, RasterLayer
 
 #: Part of a cell by which cells of two maps may lie apart.
 _APART = 0.01
@@ -53,6 +53,11 @@ class StoredResult:
         """Simulated blocks that started: the denominator of the reach probability."""
         counts = self.manifest["counts"]
         return int(counts["rocks"]) - int(counts.get("rocks_never_started", 0))
+
+    def seed_share(self, code: str) -> float:
+        """Return the share of the area of a level that changes with another seed; NaN without."""
+        stated = self.manifest["settings"].get("zoning", {}).get(f"{CHANGED_SHARE}_{code}")
+        return float("nan") if stated is None else float(stated)
 
     @property
     def freedom(self) -> float:

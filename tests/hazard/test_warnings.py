@@ -7,9 +7,11 @@ from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
+import pytest
 from helpers.hazard_samples import swiss
 from helpers.terrains import grid_of, rough
 
+from sassgis.hazard.sampling_error import LevelChances
 from sassgis.hazard.warnings import (
     SetUp,
     ground_warnings,
@@ -79,7 +81,15 @@ def test_sources_that_never_release_are_named() -> None:
 
 
 def test_what_stays_uncertain_is_told_beyond_the_limit_only() -> None:
-    assert not zone_warnings(0.3, None)
-    assert not zone_warnings(0.05, BlockBudget(0.05))
-    (text,) = zone_warnings(0.123, BlockBudget(0.05))
-    assert "12.3 % of the zoned area changes level" in text and "is 5 %" in text
+    # Nine places of the first level keep it, one of the second changes in 4 of 10 samples.
+    level = np.array([1] * 9 + [2], np.int16)
+    at_least = np.repeat([[1.0, 1.0, 0.0, 0.0, 0.0, 0.0]], 10, axis=0)
+    at_least[9, 2] = 0.6
+    chances = LevelChances(np.arange(10), level, at_least)
+    assert chances.changed_share == pytest.approx(0.04)
+    assert chances.target_share == pytest.approx(0.2)
+    assert not zone_warnings(chances, swiss(), None)
+    assert not zone_warnings(chances, swiss(), BlockBudget(0.21))
+    (text,) = zone_warnings(chances, swiss(), BlockBudget(0.05))
+    assert "4.0 % of the zoned area changes level" in text and "is 5 %" in text
+    assert "slight 40.0 %, residual 0.0 %" in text and "moderate" not in text

@@ -288,7 +288,7 @@ def zone_layouts(
         ("Zones drawn for", phrase("1:{}; least width {} m, least area {} m²", *least)),
     )
     notes = (
-        sample_words(found.hazard.changed_share),
+        sample_words(found.hazard.chances, preset),
         "Hazard depends on the onset frequencies stated by the user.",
         *unverified_in_short(preset),
         *words.notes,
