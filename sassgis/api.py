@@ -9,6 +9,7 @@ from __future__ import annotations
 import json
 from collections.abc import Callable, Mapping
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -214,23 +215,27 @@ def _assessed(
 ) -> tuple[Rules, Grid, Hazard]:
     """The rules with which zones are drawn, the grid, and what the counts say of the hazard."""
     from sassgis.inputs.dataset_sources import dataset_grid, dataset_sources
+    from sassgis.outputs.qgis.layout import drawing_on_sheet
 
     grid = dataset_grid(maps)
     preset = read_preset(rules or json.loads(maps.attrs["settings"])["hazard"]["preset"])
     sampled, energies = dataset_sources(maps, preset)
     frequencies = {(s.source.area, s.source.scenario): s.source.frequency for s in sampled}
     width, spacing = (float(maps.attrs[name]) for name in ("ref_width_m", "release_spacing_m"))
-    drawing = ZoningSettings(**zoning).drawing(preset.sheet, width, spacing, grid.cell_size)
+    drawn, metres = ZoningSettings(**zoning), (width, spacing, grid.cell_size)
     own = Rules(
         preset=preset,
         frequencies=frequencies,
         placed=PlacedObjects((), ()),
         vulnerability=None,
-        zones=drawing,
+        zones=drawn.drawing(preset.sheet, *metres),
         ref_width_m=width,
         notices=(),
     )
-    found = assess(own, grid, energies, sampled, None, confidence=confidence, by_source=False)
+    found = assess(
+        own, grid, energies, sampled, None, confidence=confidence, by_source=False,
+        drawing_of=partial(drawing_on_sheet, drawn, preset.sheet, metres),
+    )  # fmt: skip
     return own, grid, found.hazard
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import Any
@@ -11,7 +11,7 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
-from sassgis.grid import BoolArray, ClassMap, FloatArray, Grid, IntArray
+from sassgis.grid import BoolArray, Bounds, ClassMap, FloatArray, Grid, IntArray
 from sassgis.hazard.curves import at_energies, hazard_curves
 from sassgis.hazard.levels import (
     cells_within_limit,
@@ -324,6 +324,7 @@ class Assessment:
     by_area: dict[str, Intensities]
     risk: RiskTable | None
     risk_without: RiskTable | None
+    drawing: Drawing  # how its zones are drawn
 
     @property
     def without_barriers(self) -> tuple[Sampled, ...]:
@@ -378,15 +379,19 @@ def assess(
     *,
     confidence: float,
     by_source: bool,
+    drawing_of: Callable[[Bounds], Drawing] | None = None,
 ) -> Assessment:
     """Assess hazard and risk from the counts of a simulation.
 
     ``without`` are the same sources without walls and nets; ``by_source`` asks for zones of
-    intensity of each single release area.
+    intensity of each single release area. ``drawing_of`` says how zones are drawn on a sheet that
+    shows the cells with a level; without it that is as in the rules.
     """
     both = [sampled] if without is None else [sampled, without]
     curves = [curves_of(own, energies_kj) for own in both]
     levels = [hazard_level(own, rules.preset) for own in curves]
+    if drawing_of is not None:
+        rules = replace(rules, zones=drawing_of(_extent(curves, levels, grid)))
     zones = level_zones(curves, levels, rules.preset, grid, rules.zones)
 
     def hazard(k: int, edits: Sequence[Edit]) -> Hazard:
@@ -400,7 +405,21 @@ def assess(
     for area in dict.fromkeys(s.source.area for s in sampled) if by_source else ():
         own = curves_of([s for s in sampled if s.source.area == area], energies_kj)
         by_area[area] = intensity_maps(own, rules.preset, grid, rules.zones)
-    return Assessment(after, before, by_area, risk_of(rules, sampled, energies_kj), risk_before)
+    return Assessment(
+        after, before, by_area, risk_of(rules, sampled, energies_kj), risk_before, rules.zones
+    )
+
+
+def _extent(
+    curves: Sequence[HazardCurves], levels: Sequence[NDArray[np.int16]], grid: Grid
+) -> Bounds:
+    """Return the extent of the cells with a level (m); that of the grid without any."""
+    cells = np.concatenate([c.places[k > 0] for c, k in zip(curves, levels, strict=True)])
+    if not cells.size:
+        return grid.bounds
+    x, y = grid.cell_centres(cells)
+    half = 0.5 * grid.cell_size
+    return x.min() - half, y.min() - half, x.max() + half, y.max() + half
 
 
 def risk_of(rules: Rules, sampled: Sequence[Sampled], energies: np.ndarray) -> RiskTable | None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -262,15 +263,20 @@ def write_zones(
 
 def assessed(rules: Rules, done: Simulation, without: Simulation | None) -> Assessment:
     """Assess hazard and risk from simulations with and without barriers."""
+    # Loaded when there is something to draw.
+    from sassgis.outputs.qgis.layout import drawing_on_sheet
+
     sampled = [
         None if s is None else sampled_sources(s.run, s.progress, rules.frequencies)
         for s in (done, without)
     ]
     assert sampled[0] is not None
     hazard = done.config.hazard
+    metres = rules.ref_width_m, done.run.release.spacing_m, done.run.grid.cell_size
     return assess(
         rules, done.run.grid, bins_of(done.run).threshold, sampled[0], sampled[1],
         confidence=hazard.confidence, by_source=hazard.by_source,
+        drawing_of=partial(drawing_on_sheet, done.config.zones, rules.preset.sheet, metres),
     )  # fmt: skip
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from itertools import chain, pairwise
 from typing import Annotated, Any, Literal
 
@@ -428,6 +428,10 @@ class Drawing:
     scale: float = 0.0  # denominator of the scale of the sheet; 0: none
 
 
+#: Scales of the sheet (denominators) between which zones are drawn unless another is given.
+SHEET_SCALES = (5000.0, 10_000.0)
+
+
 @checked(frozen=True, slots=True)
 class ZoningSettings(Section):
     """From cells to zones as they are drawn (docs/zones.md).
@@ -437,10 +441,12 @@ class ZoningSettings(Section):
     """
 
     scale: Annotated[
-        float,
+        float | None,
         Interval(ge=100, le=1e6),
-        "denominator of the scale of the sheet for which zones are drawn, as 5000 or 10000",
-    ] = 5000.0
+        "denominator of the scale of the sheet for which zones are drawn; default: that at which "
+        "they fit on it, from 5000 to 10000; in a batch 5000",
+        Example(5000.0),
+    ] = None
     min_width_m: Annotated[
         float | None,
         Interval(ge=0, le=1000),
@@ -481,11 +487,19 @@ class ZoningSettings(Section):
         Example(3.0),
     ] = None
 
+    def at_scale(self, needed: float) -> ZoningSettings:
+        """Return the settings at the scale at which zones fit on the sheet; a given one stays."""
+        if self.scale is not None:
+            return self
+        least, most = SHEET_SCALES
+        return replace(self, scale=min(max(needed, least), most))
+
     def drawing(
         self, sheet: SheetRules | None, ref_width_m: float, spacing_m: float, cell_size: float
     ) -> Drawing:
         """Return the rules of a preset for drawing zones."""
-        mm = self.scale / 1000.0
+        scale = SHEET_SCALES[0] if self.scale is None else self.scale
+        mm = scale / 1000.0
         rules = SheetRules(0, 0, 0, 0, 0, Provenance("", False)) if sheet is None else sheet
 
         def metres(own: float | None, default: float) -> float:
@@ -499,7 +513,7 @@ class ZoningSettings(Section):
             envelope_m=metres(self.envelope_m, rules.envelope_widths * ref_width_m),
             smoothing_m=metres(self.smoothing_m, rules.smoothing_widths * ref_width_m),
             tolerance_m=metres(self.tolerance_m, 1.5 * cell_size),
-            scale=self.scale,
+            scale=scale,
         )
 
 

@@ -19,6 +19,7 @@ from xml.etree import ElementTree as ET
 
 from sassgis.grid import Bounds
 from sassgis.outputs.qgis.entries import LayerEntry, filled, without_expressions
+from sassgis.settings.hazard_rules import Drawing, SheetRules, ZoningSettings
 from sassgis.settings.languages import phrase, translated
 from sassgis.settings.results import RasterLayer
 from sassgis.settings.styles import HILLSHADE, PICTURE, class_labels, class_name
@@ -154,6 +155,28 @@ def round_scale(extent: Bounds, width_mm: float, height_mm: float) -> float:
     needed = max(needed, 100.0) * (1.0 - 1e-9)
     power = 10.0 ** math.floor(math.log10(needed))
     return min(n * p for p in (power, 10.0 * power) for n in SCALE_NUMBERS if n * p >= needed)
+
+
+def with_margin(extent: Sequence[float]) -> Bounds:
+    """Return the extent of what a sheet shows around that of the zones (m)."""
+    west, south, east, north = map(float, extent)
+    margin = 0.04 * max(east - west, north - south)
+    return west - margin, south - margin, east + margin, north + margin
+
+
+def drawing_on_sheet(
+    zones: ZoningSettings,
+    sheet: SheetRules | None,
+    metres: tuple[float, float, float],
+    extent: Bounds,
+) -> Drawing:
+    """Return how zones of an extent are drawn on the sheet that shows them.
+
+    ``sheet`` are the rules of the preset; ``metres``: reference width, spacing of the release
+    points, cell.
+    """
+    _, _, width, height = _Sheet("", 1.0).box("Map")
+    return zones.at_scale(round_scale(with_margin(extent), width, height)).drawing(sheet, *metres)
 
 
 def round_length(longest: float) -> float:

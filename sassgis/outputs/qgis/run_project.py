@@ -18,7 +18,7 @@ from sassgis.hazard.warnings import edit_lines, ground_warnings, sample_words
 from sassgis.inputs.dem import BASE_MAP_KEY
 from sassgis.inputs.result_folder import EDITS_FILE
 from sassgis.outputs.qgis.entries import LayerEntry, LayerGroup, without_empty
-from sassgis.outputs.qgis.layout import PrintLayout, scale_text
+from sassgis.outputs.qgis.layout import PrintLayout, scale_text, with_margin
 from sassgis.outputs.qgis.project import write_project
 from sassgis.settings.ground import GroundClass
 from sassgis.settings.hazard_rules import HazardPreset
@@ -279,7 +279,7 @@ def zone_layouts(
     grid: Grid,
 ) -> tuple[PrintLayout, ...]:
     """Return the sheets of a zoning: hazard level, intensity by return period, risk."""
-    preset, drawn = rules.preset, rules.zones
+    preset, drawn = rules.preset, found.drawing
     least = scale_text(drawn.scale), f"{drawn.width_m:g}", f"{drawn.area_m2:g}"
     facts = (
         ("Onset frequencies", onset_words(rules)),
@@ -296,9 +296,7 @@ def zone_layouts(
     )
     extent, zoned = grid.bounds, found.hazard.intensities[None].polygons
     if zoned.size:
-        west, south, east, north = shapely.total_bounds(zoned)
-        margin = 0.04 * max(east - west, north - south)
-        extent = west - margin, south - margin, east + margin, north + margin
+        extent = with_margin(shapely.total_bounds(zoned).tolist())
     words = replace(words, facts=(*words.facts, *facts), notes=notes, extent=extent)
     lines = ["vector_edits"] if found.hazard.edits else []
     lines += [f"vector_{layer.name}" for layer in own if layer.name == "open_limits"]
@@ -314,7 +312,7 @@ def zone_layouts(
     titles["extreme"] = "Intensity extreme event", "Intensity of rockfall, extreme event"
     for period, title in titles.items():
         sheets.append(_sheet(words, *title, f"vector_synoptic_intensity_{period}"))
-    sheets = [replace(sheet, drawn_for=rules.zones.scale) for sheet in sheets]
+    sheets = [replace(sheet, drawn_for=drawn.scale) for sheet in sheets]
     if risk:
         around = tuple(k for k in words.layers if not k.startswith("vector_exposed"))
         shown = tuple(f"vector_{layer.name}" for layer in risk)

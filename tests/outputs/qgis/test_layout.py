@@ -20,13 +20,16 @@ from hypothesis import strategies as st
 
 import sassgis.outputs.qgis
 from sassgis.hazard.levels import ZONE_OPACITY
+from sassgis.inputs.presets import read_preset
 from sassgis.outputs.qgis.entries import LayerEntry
 from sassgis.outputs.qgis.layout import (
     SCALE_NUMBERS,
+    drawing_on_sheet,
     layout_element,
     round_length,
     round_scale,
 )
+from sassgis.settings.hazard_rules import ZoningSettings
 
 PROBE = Path(__file__).with_name("layout_probe.py")
 PRINTER = Path(sassgis.outputs.qgis.__file__).with_name("export_layout.py")
@@ -48,6 +51,17 @@ def test_the_scale_is_round_and_the_extent_fits(
     assert height <= frame_h * scale / 1000.0 * (1 + 1e-6)
     # At half the scale it would not, unless it is the largest that is taken.
     assert scale == 100.0 or max(width / frame_w, height / frame_h) > scale / 2000.0
+
+
+def test_zones_are_drawn_for_the_sheet_that_shows_them() -> None:
+    rules = read_preset("ch-so").sheet
+    drawn = [
+        drawing_on_sheet(ZoningSettings(**own), rules, (10.0, 5.0, 2.0), (0.0, 0.0, width, 10.0))
+        for width, own in ((500.0, {}), (1500.0, {}), (9000.0, {}), (1500.0, {"scale": 2000.0}))
+    ]
+    # A small site is no reason for finer zones, nor a large one for coarser ones than the rules.
+    assert [own.scale for own in drawn] == [5000.0, 7500.0, 10_000.0, 2000.0]
+    assert [own.width_m for own in drawn] == [10.0, 15.0, 20.0, 4.0]
 
 
 def test_known_scales_and_lengths() -> None:
