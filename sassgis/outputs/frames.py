@@ -15,7 +15,7 @@ from sassgis.errors import OutputError
 from sassgis.files.atomic_output import writing
 from sassgis.grid import IntArray
 from sassgis.settings.map_run import BlockRows, MapRun
-from sassgis.settings.results import Outcome, StopReason, rounded
+from sassgis.settings.results import Contact, Outcome, StopReason, rounded
 from sassgis.simulation.path_sample import ProfileResult
 from sassgis.terrain.prepare import Plan
 
@@ -77,12 +77,16 @@ class ProfileTables(NamedTuple):
         By stretch of the profile (``from_m``, ``to_m``): quantiles of energy, speed and height.
     paths : DataFrame
         Centres of some blocks: ``path``, ``s_m``, ``z_m``.
+    contacts : DataFrame
+        A row for each contact of these blocks: place, time, velocities, rotation and energy before
+        and after, and the share of the energy that an impact takes.
     """
 
     blocks: pd.DataFrame
     passages: pd.DataFrame
     along: pd.DataFrame
     paths: pd.DataFrame
+    contacts: pd.DataFrame
 
 
 def profile_tables(result: ProfileResult, scenarios: Sequence[str]) -> ProfileTables:
@@ -105,12 +109,23 @@ def profile_tables(result: ProfileResult, scenarios: Sequence[str]) -> ProfileTa
         passages.drop(columns=["line", *_PLACE]),
         pd.DataFrame(along),
         pd.concat(paths, ignore_index=True) if paths else none,
+        contact_frame(result.contacts, names[result.contact_scenario]),
     )
+
+
+def contact_frame(rows: NDArray[np.void], scenario: NDArray[np.str_]) -> pd.DataFrame:
+    """Return a row per contact (CONTACT_DTYPE), rounded for reading."""
+    frame = _columns(rows, scenario)
+    before, after = rows["energy_in_kj"], rows["energy_out_kj"]
+    lost = np.full(rows.size, np.nan)
+    hit = (rows["kind"] == Contact.IMPACT) & (before > 0.0)
+    np.divide(before - after, before, out=lost, where=hit)
+    return frame.assign(energy_lost_share=lost).round(4)
 
 
 def _columns(rows: NDArray[np.void], scenario: NDArray[np.str_]) -> pd.DataFrame:
     frame = pd.DataFrame({name: rows[name] for name in rows.dtype.names or ()})
-    for column, kind in (("reason", StopReason), ("outcome", Outcome)):
+    for column, kind in (("reason", StopReason), ("outcome", Outcome), ("kind", Contact)):
         if column in frame:
             frame[column] = [kind(int(own)).name.lower() for own in frame[column]]
     frame.insert(0, "scenario", scenario)

@@ -8,6 +8,7 @@ from functools import partial
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from sassgis.compiled import rng
 from sassgis.engine.simulate import Simulated, simulate
@@ -35,6 +36,7 @@ from sassgis.settings.results import (
 )
 from sassgis.settings.schema import Input, named
 from sassgis.settings.statistics_table import PROBABILITIES
+from sassgis.simulation.contacts import contacts_of
 from sassgis.simulation.control_lines import ControlLineSums
 from sassgis.simulation.estimate import require_profile
 from sassgis.simulation.map_sums import quantiles
@@ -182,6 +184,7 @@ def simulate_profile(
     sums = ControlLineSums(control_lines.control_lines)
     parts: list[Simulated] = []
     paths: list[tuple[FloatArray, FloatArray]] = []
+    contacts: list[NDArray[np.void]] = []
     drawn = min(count, -(-_DRAWN // len(config.blocks)))
     for blocks in config.blocks:
         keys = rng.combined(np.zeros(1, np.uint64), rng.word_of(blocks.name))
@@ -193,6 +196,8 @@ def simulate_profile(
         )  # fmt: skip
         shown = simulated(rocks_per_line=drawn, log_events=_LOG_EVENTS)
         paths += [trajectory(c, config.engine.gravity_mps2) for c in shown.event_logs]
+        own = zip(shown.event_logs, shown.rocks, strict=True)
+        contacts.append(np.concatenate([contacts_of(*pair, config.engine) for pair in own]))
         parts.append(simulated(rocks_per_line=count))
     for part in parts:
         sums.add(part.passages)
@@ -211,7 +216,10 @@ def simulate_profile(
         piece_scenario=np.repeat(numbers, [p.pieces.size for p in parts]),
         passages=np.concatenate([p.passages for p in parts]),
         passage_scenario=np.repeat(numbers, [p.passages.size for p in parts]),
-        control_lines=sums, paths=tuple(paths), drawn=drawn, stretches=flat.cell_s[1:],
+        control_lines=sums, paths=tuple(paths), drawn=drawn,
+        contacts=np.concatenate(contacts),
+        contact_scenario=np.repeat(numbers, [own.size for own in contacts]),
+        stretches=flat.cell_s[1:],
         along=along,
     )  # fmt: skip
 
@@ -255,6 +263,7 @@ def run_profile(
         tables = profile_tables(result, scenarios)
         write_table(work / "tables" / "rocks.csv", [tables.blocks])
         write_table(work / "tables" / "passages.csv", [tables.passages])
+        write_table(work / "tables" / "contacts.csv", [tables.contacts])
         settings = tuple(provenance(config).items())
         with in_language(config.project.language):
             context = profile_report(

@@ -69,6 +69,35 @@ ROCK_DTYPE = np.dtype(
     ]
 )
 
+
+class Contact(IntEnum):
+    """How a block is in contact with the ground."""
+
+    IMPACT = 0
+    ROLLING = 1
+    SLIDING = 2
+
+
+#: One row per contact of a block with the ground: its state as it begins (in) and ends (out).
+#: Velocities along the ground are positive downhill, those normal to it away from it.
+CONTACT_DTYPE = np.dtype(
+    [
+        ("rock", np.int32),
+        ("contact", np.int32),
+        ("kind", np.uint8),
+        ("t_s", np.float64),
+        ("duration_s", np.float64),
+        ("chainage_m", np.float64),
+        ("z_m", np.float64),
+        ("slope_deg", np.float64),
+        *(
+            (f"{name}_{side}_{unit}", np.float64)
+            for side in ("in", "out")
+            for name, unit in (("vt", "mps"), ("vn", "mps"), ("rotation", "hz"), ("energy", "kj"))
+        ),
+    ]
+)
+
 #: One row per block and station or barrier: the first time that the block reaches it downhill.
 #: ``height_m`` is the vertical distance from the ground to the centre, less the resting height.
 PASSAGE_DTYPE = np.dtype(

@@ -57,6 +57,9 @@ class ProfileResult:
     # Chainage and height (m) of trajectories of the first blocks of each block scenario.
     paths: tuple[tuple[FloatArray, FloatArray], ...]
     drawn: int  # how many of each scenario
+    # CONTACT_DTYPE; contacts of the blocks that are drawn, and their scenarios.
+    contacts: NDArray[np.void]
+    contact_scenario: NDArray[np.int64]
     stretches: FloatArray  # shape (n + 1,); borders of the stretches of the profile (m)
     # Quantiles of "energy" (kJ), "speed" (m/s) and "height" (m) in each stretch, shape (n,).
     along: dict[str, dict[float, FloatArray]]

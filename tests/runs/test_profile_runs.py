@@ -6,6 +6,7 @@ import json
 import math
 from dataclasses import replace
 from pathlib import Path
+from typing import Literal
 
 import geopandas as gpd
 import numpy as np
@@ -20,6 +21,7 @@ from sassgis.inputs.config import load_config
 from sassgis.runs.inputs import profile_from_csv
 from sassgis.runs.profile_run import run_profile, simulate_profile
 from sassgis.runs.run import run
+from sassgis.settings.results import Contact
 from sassgis.simulation.path_sample import arrivals, passage_histogram, share_within
 
 
@@ -32,7 +34,13 @@ def test_a_profile_from_a_table_leaves_all_its_files(bedrina: Path, tmp_path: Pa
     done = run_profile(bedrina, tmp_path / "out", rocks=40)
     result = done.found
     found = {p.relative_to(tmp_path / "out").as_posix() for p in (tmp_path / "out").rglob("*.*")}
-    assert {"report.html", "manifest.json", "tables/rocks.csv", "figures/profile.png"} <= found
+    assert {
+        "report.html",
+        "manifest.json",
+        "tables/rocks.csv",
+        "tables/contacts.csv",
+        "figures/profile.png",
+    } <= found
     assert {f"figures/{n}_along.png" for n in ("energy", "speed", "height")} <= found
     rocks = pd.read_csv(tmp_path / "out" / "tables" / "rocks.csv")
     assert len(rocks) == 40 and not rocks.duplicated(["scenario", "rock"]).any()
@@ -62,6 +70,28 @@ def test_scenarios_with_names_that_begin_alike_draw_apart(bedrina: Path) -> None
     assert (one["mass_kg"] != two["mass_kg"]).all()
     # As many paths as stops of the same rocks on the picture.
     assert len(result.paths) == 2 * result.drawn == 60
+
+
+@pytest.mark.parametrize("readings", ["1986", "hazard"])
+def test_contacts_lose_energy_and_flights_between_them_do_not(
+    bedrina: Path, readings: Literal["1986", "hazard"]
+) -> None:
+    config = load_config(bedrina, {"engine.readings": readings})
+    result = simulate_profile(config, profile_from_csv(config), rocks=40)
+    rows, rocks = result.contacts, result.rocks
+    hit = rows["kind"] == Contact.IMPACT
+    # Soft landings are none of the impacts that a block counts.
+    assert hit.sum() >= rocks["impacts"].sum() > 0
+    lost = 1.0 - rows["energy_out_kj"][hit] / rows["energy_in_kj"][hit]
+    assert (lost > -1e-9).all() and (lost < 1.0).all()
+    # Of two impacts one after the other: what the second has is what the first left and the fall.
+    one, two = rows[:-1], rows[1:]
+    flown = hit[:-1] & hit[1:] & (one["rock"] == two["rock"])
+    mass = rocks["mass_kg"][one["rock"][flown]]
+    fall = 1e-3 * config.engine.gravity_mps2 * mass * (one["z_m"] - two["z_m"])[flown]
+    gained = (two["energy_in_kj"] - one["energy_out_kj"])[flown]
+    assert flown.sum() > 100
+    np.testing.assert_allclose(gained, fall, rtol=1e-9, atol=1e-9)
 
 
 def test_shares_and_histograms_count_the_passages(bedrina: Path) -> None:
