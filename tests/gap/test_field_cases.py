@@ -378,6 +378,18 @@ def test_pages_hold_the_tables_of_the_results(repository: Path) -> None:
     assert seen == set(module.TABLES)
 
 
+def test_a_campaign_of_another_program_is_a_case_that_can_be_read(
+    shared_data: Path, repository: Path, tmp_path: Path
+) -> None:
+    if not (shared_data / "authume_rockable_p1").is_dir():
+        pytest.skip("authume_rockable_p1 is not in the folder of the field data")
+    module = load(repository / "pipelines" / "gap_authume_program.py")
+    options = ["-o", str(tmp_path / "out"), "--campaigns", "1", "--case-only"]
+    module.main([str(shared_data), *options])
+    stated = pd.read_csv(tmp_path / "out" / "00" / "observed" / "metadata.csv")
+    assert {"speed_error_rel", "position_error_m"} <= set(stated["key"])
+
+
 def test_campaigns_of_another_program_are_noted_as_their_observer_can(shared_data: Path) -> None:
     from field_cases.program_campaigns import ProgramRuns, campaign
 
