@@ -14,11 +14,11 @@ import json
 import math
 import pickle
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -75,6 +75,8 @@ _KEPT_NAME = "batch.json"
 _MOST_CELLS, _COMMON_BYTES = 100_000_000, 4 << 30
 #: Bytes of the program itself, and of each cell of a block: its heights, and its maps.
 BASE, _PER_CELL = 500 << 20, 600
+#: Shapely geometries of release areas by their names.
+Shapes = Mapping[str, Any]
 #: Bytes of a process that draws zones, of each cell of its group with the lines that run through
 #: it, and of a cell with counts of one area at each energy: rows of counts, squares, rates and
 #: variances, and copies of them.
@@ -357,24 +359,22 @@ def _write_blocks(
     blocks = divided(place, areas, mosaic.bins, share)
     maps = _write_maps(work / "maps", mosaic, blocks, frame, at_once, tell)
     counted = [a for a in areas if a.record.reached]
-    drawn, left_out = _zones_by_group(work, mosaic, counted, cores, memory_bytes, tell)
+    shapes = {c.name: area_feature(setting, c).geometry for c in candidates}
+    drawn, left_out = _zones_by_group(work, mosaic, counted, shapes, cores, memory_bytes, tell)
     keep(list(left_out.values()))
     here = Part(place.row, place.col, 0, 0)
     met = [a for a in areas if a.record.control_lines or a.record.objects]
 
     def at_lines_and_objects(without: bool) -> tuple[Progress, LineParts, RiskTable | None]:
         progress = added_up(mosaic.run, here, met, mosaic.bins, without=without)
-        sampled = _sources(mosaic.run, met, progress)
+        sampled = _sources(mosaic.run, met, progress, {})
         return progress, line_parts(sampled), risk_of(rules, sampled, mosaic.bins.threshold)
 
     progress, parts, risk = at_lines_and_objects(without=False)
     risk_before = None
     if risk is not None and compares_barriers(config, mosaic.run):
         risk_before = at_lines_and_objects(without=True)[-1]
-    released = [
-        ReleaseArea(c.name, area_feature(setting, c).geometry, tuple(a.record.frequencies))
-        for c, a in zip(candidates, areas, strict=True)
-    ]
+    released = [ReleaseArea(a.name, shapes[a.name], tuple(a.record.frequencies)) for a in areas]
     points, rocks = ([getattr(a.record, n) for a in areas] for n in ("points", "rocks"))
     vectors = [
         run_vectors.released_from(released, points, rocks, frame.crs),
@@ -436,7 +436,7 @@ def _maps_of(mosaic: Mosaic, block: tuple[Part, Sequence[Reached]]) -> Maps:
     (place, areas), rules, config = block, mosaic.setting.rules, mosaic.setting.config
     grid = mosaic.setting.terrain.read(place)
     total = added_up(mosaic.run, place, areas, mosaic.bins)
-    sampled = _sources(replace(mosaic.run, grid=grid), areas, total)
+    sampled = _sources(replace(mosaic.run, grid=grid), areas, total, {})
     curves = curves_of(sampled, mosaic.bins.threshold)
     del sampled
     total.sources.clear()
@@ -451,9 +451,13 @@ def _maps_of(mosaic: Mosaic, block: tuple[Part, Sequence[Reached]]) -> Maps:
     return Maps(of_hazard, of_blocks, terrain_layer(grid))
 
 
-def _sources(run: MapRun, areas: Sequence[Reached], total: Progress) -> list[Sampled]:
-    """Return the sums by source; outlines of areas are of no account here."""
-    named = tuple(ReleaseArea(a.name, None, tuple(a.record.frequencies)) for a in areas)
+def _sources(
+    run: MapRun, areas: Sequence[Reached], total: Progress, shapes: Shapes
+) -> list[Sampled]:
+    """Return the sums by source; ``shapes`` of areas are of account for zones only."""
+    named = tuple(
+        ReleaseArea(a.name, shapes.get(a.name), tuple(a.record.frequencies)) for a in areas
+    )
     frequencies = {(a.name, k): f for a in areas for k, f in a.record.frequencies.items()}
     return sampled_sources(replace(run, areas=named), total, frequencies)
 
@@ -480,6 +484,7 @@ def _zones_by_group(
     work: Path,
     mosaic: Mosaic,
     areas: Sequence[Reached],
+    shapes: Shapes,
     jobs: int,
     memory_bytes: int,
     tell: Callable[[str], None],
@@ -504,7 +509,8 @@ def _zones_by_group(
     tell(f"Drawing the zones of {len(fits)} groups of areas")
     files = [work / f"{i}.zones" for i in range(len(fits))]
     with task_map(mosaic, at_once if len(fits) >= 2 * at_once else 1) as each:
-        for _ in each(_draw_zones, list(zip(fits, files, strict=True))):
+        parts = [{a.name: shapes[a.name] for a in own} for own in fits]
+        for _ in each(_draw_zones, list(zip(fits, parts, files, strict=True))):
             pass
     drawn = []
     for file in files:
@@ -529,15 +535,15 @@ def _box(mosaic: Mosaic, areas: Sequence[Reached]) -> Part:
     return box
 
 
-def _draw_zones(mosaic: Mosaic, group: tuple[Sequence[Reached], Path]) -> None:
+def _draw_zones(mosaic: Mosaic, group: tuple[Sequence[Reached], Shapes, Path]) -> None:
     """Draw the zones of one group into a file."""
-    areas, file = group
-    drawn = pickle.dumps(_zones(mosaic, areas), pickle.HIGHEST_PROTOCOL)
+    areas, shapes, file = group
+    drawn = pickle.dumps(_zones(mosaic, areas, shapes), pickle.HIGHEST_PROTOCOL)
     with writing(file):
         file.write_bytes(drawn)
 
 
-def _zones(mosaic: Mosaic, areas: Sequence[Reached]) -> list[VectorLayer]:
+def _zones(mosaic: Mosaic, areas: Sequence[Reached], shapes: Shapes) -> list[VectorLayer]:
     """Return the zones of one group."""
     config, rules, box = mosaic.setting.config, mosaic.setting.rules, _box(mosaic, areas)
     grid = mosaic.setting.terrain.read(box)
@@ -550,7 +556,7 @@ def _zones(mosaic: Mosaic, areas: Sequence[Reached]) -> list[VectorLayer]:
         added_up(run, box, areas, mosaic.bins, without=without, only_energies_kj=energies)
         for without in both
     )
-    sampled, *alone = (_sources(run, areas, total) for total in totals)
+    sampled, *alone = (_sources(run, areas, total, shapes) for total in totals)
     found = assess(
         replace(rules, vulnerability=None, placed=PlacedObjects((), ())),
         grid, energies, sampled, alone[0] if alone else None,

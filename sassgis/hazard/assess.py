@@ -36,6 +36,7 @@ from sassgis.settings.hazard_rules import (
     SourceCounts,
 )
 from sassgis.terrain.edge import edge_sides
+from sassgis.terrain.release import release_rims
 
 
 def zone_of_cells(coverage: Coverage, grid: Grid, cells: IntArray) -> IntArray:
@@ -192,13 +193,27 @@ def curves_of(sampled: Sequence[Sampled], energies_kj: np.ndarray) -> HazardCurv
     return hazard_curves([s.source for s in sampled], [s.cells for s in sampled], energies_kj)
 
 
+#: Of no release area.
+_NO_RIMS: IntArray = np.empty((2, 0), np.int64)
+
+
+def rims_of(sampled: Sequence[Sampled], grid: Grid) -> IntArray:
+    """Return the cells of the release areas of sources and of their rims, by release_rims."""
+    shapes = {s.source.area: s.release for s in sampled if s.release is not None}
+    return release_rims(list(shapes.values()), grid)
+
+
 def intensity_maps(
-    curves: HazardCurves, preset: HazardPreset, grid: Grid, rules: Drawing
+    curves: HazardCurves,
+    preset: HazardPreset,
+    grid: Grid,
+    rules: Drawing,
+    rims: IntArray = _NO_RIMS,
 ) -> Intensities:
     """Draw zones of intensity for the preset's return periods and the extreme event.
 
     The zones of a rarer event contain those of a more frequent one. The extreme event has the outer
-    limit of the hazard levels.
+    limit of the hazard levels. ``rims`` are those of rims_of.
     """
     few = at_energies(curves, preset.thresholds_kj)
     years: list[float | None] = [*preset.return_periods, None]
@@ -206,7 +221,7 @@ def intensity_maps(
     classes[-1] = np.maximum(classes[-1], cells_within_limit(few, preset, grid, rules.smoothing_m))
     maps = [(few.places, c) for c in classes]
     envelopes = [t is None for t in years]
-    return dict(zip(years, _nested_zones(maps, grid, rules, envelopes), strict=True))
+    return dict(zip(years, _nested_zones(maps, grid, rules, envelopes, rims), strict=True))
 
 
 def _nested_zones(
@@ -214,14 +229,24 @@ def _nested_zones(
     grid: Grid,
     rules: Drawing,
     envelopes: Sequence[bool],
+    rims: IntArray,
 ) -> list[Coverage]:
-    """Return zones of maps, each some cells and their classes, of which none is above the next."""
+    """Return zones of maps, each some cells and their classes, of which none is above the next.
+
+    A cell of a release area has at least the class of the rim below it: what leaves there falls.
+    """
     # Maps of the same curves name the same cells, which are ascending already.
     named = list({id(cells): cells for cells, _ in maps}.values())
     reached = named[0] if len(named) == 1 else np.unique(np.concatenate(named))
+    if rims.size and reached.size:
+        reached = np.union1d(reached, rims.ravel())
     window = window_of(reached, grid.shape, reach_cells(rules, grid.cell_size))
     own = grid.part(window.rows, window.cols)
     rasters = [raster(own, window.cells[np.searchsorted(reached, c)], k) for c, k in maps]
+    if rims.size and reached.size:
+        cells, rim = window.cells[np.searchsorted(reached, rims)]
+        for classes in (one.ravel() for one in rasters):
+            np.maximum.at(classes, cells, classes[rim])
     return drawn_zones(rasters, own, rules, np.isfinite(own.values), envelopes)
 
 
@@ -231,10 +256,11 @@ def level_zones(
     preset: HazardPreset,
     grid: Grid,
     rules: Drawing,
+    rims: IntArray = _NO_RIMS,
 ) -> list[Coverage]:
     """Draw zones of hazard level of several simulations, as with and without barriers.
 
-    ``levels`` are those of the places of the curves.
+    ``levels`` are those of the places of the curves, ``rims`` those of rims_of.
 
     Where no cell of a map is above that of the next, the zones of the first lie within those of the
     next: drawn each for itself, smoothing by itself would make zones higher here and lower there.
@@ -248,7 +274,7 @@ def level_zones(
     return [
         drawn
         for series in ([maps] if nested else [[one] for one in maps])
-        for drawn in _nested_zones(series, grid, rules, [True] * len(series))
+        for drawn in _nested_zones(series, grid, rules, [True] * len(series), rims)
     ]
 
 
@@ -363,7 +389,7 @@ def hazard_of(
         computed=zones,
         levels=levels,
         facts=zone_facts(sampled, curves, preset, levels, grid, *of_cells, edit),
-        intensities=intensity_maps(curves, preset, grid, rules.zones),
+        intensities=intensity_maps(curves, preset, grid, rules.zones, rims_of(sampled, grid)),
         chances=chances,
         uncertain=not_certain,
         edits=applied,
@@ -392,7 +418,8 @@ def assess(
     levels = [hazard_level(own, rules.preset) for own in curves]
     if drawing_of is not None:
         rules = replace(rules, zones=drawing_of(_extent(curves, levels, grid)))
-    zones = level_zones(curves, levels, rules.preset, grid, rules.zones)
+    rims = rims_of(sampled, grid)
+    zones = level_zones(curves, levels, rules.preset, grid, rules.zones, rims)
 
     def hazard(k: int, edits: Sequence[Edit]) -> Hazard:
         drawn = both[k], curves[k], levels[k], zones[k]
@@ -403,8 +430,9 @@ def assess(
     risk_before = None if without is None else risk_of(rules, without, energies_kj)
     by_area = {}
     for area in dict.fromkeys(s.source.area for s in sampled) if by_source else ():
-        own = curves_of([s for s in sampled if s.source.area == area], energies_kj)
-        by_area[area] = intensity_maps(own, rules.preset, grid, rules.zones)
+        mine = [s for s in sampled if s.source.area == area]
+        own = curves_of(mine, energies_kj)
+        by_area[area] = intensity_maps(own, rules.preset, grid, rules.zones, rims_of(mine, grid))
     return Assessment(
         after, before, by_area, risk_of(rules, sampled, energies_kj), risk_before, rules.zones
     )

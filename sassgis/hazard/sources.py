@@ -6,6 +6,7 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -32,6 +33,7 @@ class Sampled:
     cells: SourceCounts
     objects: SourceCounts
     control_lines: ControlLineSums  # at stations and barriers
+    release: Any = None  # shapely geometry; where its blocks start, if it is known
 
 
 def onset_frequencies(
@@ -113,7 +115,8 @@ def sampled_sources(
             heaviest=tally.heaviest,
         )
         cells = on_known_terrain(tally.cells.counts(), run.grid)
-        out.append(Sampled(source, cells, tally.objects.counts(), tally.control_lines))
+        objects, shape = tally.objects.counts(), run.areas[area].geometry
+        out.append(Sampled(source, cells, objects, tally.control_lines, shape))
     return out
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
+import shapely
 import xarray as xr
 
 from sassgis.errors import InputError
@@ -70,7 +71,7 @@ def dataset_sources(maps: xr.Dataset, preset: HazardPreset) -> tuple[list[Sample
     column: dict[str, Any] = {
         n: maps[n].values
         for n in ("area", "scenario", "onset_frequency", "simulated_blocks", "never_started",
-                  "block_width")
+                  "block_width", "release_outline")
     }  # fmt: skip
     found = []
     for k in range(maps.sizes["source"]):
@@ -96,5 +97,6 @@ def dataset_sources(maps: xr.Dataset, preset: HazardPreset) -> tuple[list[Sample
         )
         own = SourceCounts(cells[rows].astype(np.int64), counts[rows], squares[rows])
         none = SourceCounts.none(energies.size)
-        found.append(Sampled(source, own, none, ControlLineSums(())))
+        outline = shapely.from_wkt(str(column["release_outline"][k]))
+        found.append(Sampled(source, own, none, ControlLineSums(()), outline))
     return found, energies

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import pyproj
+import shapely
 import xarray as xr
 
 from sassgis.grid import Grid
@@ -101,6 +102,10 @@ def with_sources(
                 name: ("source", np.asarray(values), {"long_name": text, "units": unit})
                 for name, (values, text, unit) in per_source.items()
             },
+            "release_outline": (
+                "source", np.array([shapely.to_wkt(s.release, -1) for s in sampled], object),
+                {"long_name": "release area of the source, as WKT"},
+            ),
             "arrival_source": (
                 "arrival", np.repeat(np.arange(len(cells)), [c.places.size for c in cells]),
                 {"long_name": "source of the row of arrivals"},

@@ -10,6 +10,7 @@ from dataclasses import replace
 import numpy as np
 import shapely
 from numpy.typing import NDArray
+from scipy import ndimage
 from scipy.sparse import coo_array, csr_array
 from scipy.sparse.csgraph import breadth_first_order, depth_first_order
 from shapely.geometry.base import BaseGeometry
@@ -29,6 +30,47 @@ _APART = 0.01
 _LENGTH = 2.0
 #: Longest edge of the outlines that are triangulated (spacings).
 _EDGE = 0.25
+
+
+def release_rims(shapes: Sequence[BaseGeometry], grid: Grid) -> IntArray:
+    """Return the cells of release areas, and for each the nearest on the lower rim of its area.
+
+    Flat indices, shape (2, n). The lower rim are the cells around a polygon that are lower than
+    most of its cells next to them; lines, points and polygons without it have no cells here.
+    """
+    found = [np.empty((2, 0), np.int64)]
+    for part in shapely.get_parts(list(shapes)):
+        if part.geom_type == "Polygon" and (own := _rim_of(part, grid)) is not None:
+            found.append(own)
+    return np.concatenate(found, axis=1)
+
+
+def _rim_of(polygon: BaseGeometry, grid: Grid) -> IntArray | None:
+    west, south, east, north = polygon.bounds
+    n_rows, n_cols = grid.shape
+    top, bottom = ((grid.north - y) / grid.cell_size for y in (north, south))
+    left, right = ((x - grid.west) / grid.cell_size for x in (west, east))
+    rows = np.arange(max(int(top) - 2, 0), min(int(bottom) + 3, n_rows))
+    cols = np.arange(max(int(left) - 2, 0), min(int(right) + 3, n_cols))
+    if not (rows.size and cols.size):
+        return None
+    cells = rows[:, None] * n_cols + cols
+    inside = shapely.contains_xy(polygon, *grid.cell_centres(cells))
+    heights = grid.values[np.ix_(rows, cols)]
+    inside &= np.isfinite(heights)
+    if not inside.any():
+        return None
+    beside, higher = np.zeros((2, *inside.shape), np.int64)
+    wide, high = np.pad(inside, 1), np.pad(heights, 1, constant_values=np.nan)
+    for i, j in np.ndindex(3, 3):
+        part = slice(i, i + rows.size), slice(j, j + cols.size)
+        beside += wide[part]
+        higher += wide[part] & (high[part] > heights)
+    lower = ~inside & (beside > 0) & (3 * higher >= 2 * beside)
+    if not lower.any():
+        return None
+    row, col = ndimage.distance_transform_edt(~lower, return_distances=False, return_indices=True)
+    return np.stack([cells[inside], cells[row[inside], col[inside]]])
 
 
 def narrow_parts(polygon: shapely.Polygon, spacing_m: float) -> list[shapely.Polygon]:

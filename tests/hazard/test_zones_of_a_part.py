@@ -10,6 +10,7 @@ from sassgis.hazard.assess import intensity_maps
 from sassgis.hazard.zoning.drawing import reach_cells
 from sassgis.inputs.presets import read_preset
 from sassgis.settings.hazard_rules import HazardCurves, ZoningSettings
+from sassgis.terrain.release import release_rims
 
 CELL = 2.0
 PRESET = read_preset("ch-so")
@@ -41,3 +42,29 @@ def test_places_that_lie_apart_do_not_feel_each_other() -> None:
         parts = {shapely.normalize(p).wkb for own in alone for p in own[years].polygons}
         assert parts == {shapely.normalize(p).wkb for p in zones.polygons}
     assert together[None].polygons.size
+
+
+def test_a_release_area_has_the_level_of_the_rim_below_it() -> None:
+    # A plane that falls to the south; the western half of what leaves the area is high.
+    n_rows, n_cols = 40, 60
+    heights = np.repeat(-np.arange(n_rows, dtype=float)[:, None], n_cols, axis=1)
+    grid = Grid(heights, 0.0, n_rows * CELL, CELL)
+    area = shapely.box(20 * CELL, 25 * CELL, 40 * CELL, 35 * CELL)
+    cells, rim = release_rims([area], grid)
+    row, col = np.divmod(cells, n_cols)
+    assert row.min() == 5 and row.max() == 14 and cells.size == 200
+    assert (rim == 15 * n_cols + col).all()
+    assert release_rims([shapely.LineString([(10, 10), (50, 50)])], grid).size == 0
+    assert release_rims([shapely.box(-90, -90, -80, -80)], grid).size == 0
+    # Blocks come to the rim only, often: the intensities of 30 years.
+    places = np.arange(15 * n_cols + 20, 15 * n_cols + 40)
+    energies = np.array(PRESET.thresholds_kj)
+    often = HazardCurves(
+        places, energies, np.ones((20, energies.size)), np.zeros((20, energies.size)), np.ones(20)
+    )
+    plain = ZoningSettings(tolerance_m=0.0).drawing(None, 5.0, 0.0, CELL)
+    bare = intensity_maps(often, PRESET, grid, plain)[30.0]
+    filled = intensity_maps(often, PRESET, grid, plain, np.stack([cells, rim]))[30.0]
+    assert shapely.area(bare.polygons).sum() == 20 * CELL**2
+    covered = shapely.union_all(filled.polygons)
+    assert covered.area == (200 + 20) * CELL**2 and covered.covers(area)
