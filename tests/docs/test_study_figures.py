@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import pytest
 from helpers.figure_parts import find, texts
 from helpers.scripts import load
@@ -29,6 +30,20 @@ def test_fig9_has_a_surface_for_each_shape(studies: Path) -> None:
     surface = figure.axes[0].collections[0]
     assert surface.get_array().size == 6 * 3
     assert surface.get_array().max() == pytest.approx(70.0 * (1.0 + 0.75) / 2.0)
+
+
+def test_observed_hops_take_the_time_between_the_contacts(studies: Path) -> None:
+    grid = Grid(np.full((20, 40), 7.0), 0.0, 40.0, 2.0)
+    contacts = pd.DataFrame(
+        {"x": [10.0, 16.0, 16.5], "y": [20.0] * 3, "z": [7.1, 7.1, 7.1],
+         "t_start_s": [0.0, 1.1, 1.12], "t_end_s": [0.1, 1.1, 1.2]}
+    )  # fmt: skip
+    s, height = load(studies / "fig11.py").hops(contacts, np.array([[4.0, 20.0], [1.0, 0.0]]), grid)
+    # One hop of a second; the second lasts too short for one.
+    assert (s[0], s[-1]) == (6.0, 12.0) and s.size == height.size
+    assert height[[0, -1]] == pytest.approx(0.0, abs=1e-12)
+    t = (s - 6.0) / 6.0
+    assert height == pytest.approx(0.5 * 9.81 * t * (1.0 - t))
 
 
 def test_convergence_is_sorted_with_intervals(studies: Path) -> None:
