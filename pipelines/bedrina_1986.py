@@ -2,8 +2,9 @@
 
     python pipelines/bedrina_1986.py [FOLDER] -o OUT
 
-FOLDER holds ``config_before.toml`` and ``config_after.toml``; default: the sample slope, which
-resembles Bedrina 1 qualitatively. Writes both results, a comparison of the trajectories
+FOLDER holds ``config_before.toml``, ``config_after.toml`` and ``config_restart.toml``, in which
+blocks start from rest again below the nets; default: the sample slope, which resembles Bedrina 1
+qualitatively. Writes both results, a comparison of the trajectories
 like Fig. 13 of Bozzolo and Pamini (1986), histograms at the cameras like their Fig. 12 and of the
 energy, ``hits.csv`` with the rocks on the road, and ``ranges.csv`` with the share of the rocks that
 lie within the ranges of Fig. 12.
@@ -42,7 +43,7 @@ def main(argv: list[str] | None = None) -> None:
         name: run_profile(
             given.folder / f"config_{name}.toml", given.output / name, overwrite=given.overwrite
         ).found
-        for name in ("before", "after")
+        for name in ("before", "after", "restart")
     }
     hits = pd.DataFrame(
         [

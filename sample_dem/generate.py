@@ -565,7 +565,7 @@ def write_profile(path: Path, rows: list[tuple[float, float, str]]) -> None:
 #: Written by hand, in this folder only.
 TEXTS = (
     "valley/config.toml", "valley/vulnerability.csv", "bedrina/config_before.toml",
-    "bedrina/config_after.toml", "piota_negra/config.toml",
+    "bedrina/config_after.toml", "bedrina/config_restart.toml", "piota_negra/config.toml",
 )  # fmt: skip
 
 

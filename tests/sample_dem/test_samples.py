@@ -35,6 +35,7 @@ TEXTS = (
     "bedrina/profile.csv",
     "bedrina/config_before.toml",
     "bedrina/config_after.toml",
+    "bedrina/config_restart.toml",
     "piota_negra/profile.csv",
     "piota_negra/config.toml",
 )

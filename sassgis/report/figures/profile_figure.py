@@ -209,16 +209,18 @@ def profile_figure(panels: Sequence[ProfilePanel]) -> Figure:
     frame, pt = _frame(panels, max((9.3 - 0.75) / len(panels) - 0.8, 1.4))
     width, height = (side / (72.0 * pt) for side in (frame.width, frame.height))
     height = len(panels) * (height + 0.5) + 0.3
+    # Of narrow panels in the middle of the page headings may go on to its right edge.
+    room = max(width, 0.5 * (style.WIDTH_IN + width) - 0.4)
     sheet = style.Sheet("", "", height)
     axes = sheet.figure.subplots(len(panels), 1, sharex=True, squeeze=False)[:, 0]
     grounds: dict[str, str] = {}
     for i, (ax, panel) in enumerate(zip(axes, panels, strict=True)):
         _draw_panel(ax, panel, frame, pt)
         letter = f"{'abcdefghij'[i % 10]}  " if len(panels) > 1 else ""
-        caption = style.wrap(panel.caption(), width)
+        caption = style.wrap(panel.caption(), room)
         pad = 5.0 + 9.0 * style.lines_in(caption)
         ax.set_title(
-            style.wrap(f"{letter}{panel.title}", width, style.TITLE),
+            style.wrap(f"{letter}{panel.title}", room, style.TITLE),
             size=style.TITLE,
             pad=pad,
         )
