@@ -156,6 +156,8 @@ def start_released(
     spin = rng.between(key, rng.SPIN, 0, low.spin_radps, high.spin_radps)
     drop = rng.between(key, rng.DROP, 0, low.drop_m, high.drop_m)
     tilt = rng.between(key, rng.ORIENTATION, 0, low.orientation_rad, high.orientation_rad)
+    if physics.point:
+        spin = 0.0
     profile = site.profile
     _clear(state, site, x, 0)
     segment = segment_at(profile, x, 0)
@@ -189,7 +191,7 @@ def _start_at_rest(state: Record, block: Block, site: Site, physics: Physics) ->
     ground = site.grounds[here.ground]
     steep = abs(here.tz) / here.tx
     state.direction = 1 if here.tz <= 0.0 else -1
-    rolls = steep > rolling_friction(block, ground)
+    rolls = steep > rolling_friction(block, ground) and not physics.point
     if steep > ground.mu_f and not (rolls and physics.tipping and tips(block, ground.mu_f)):
         state.phase = SLIDING
     elif rolls:

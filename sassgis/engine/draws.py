@@ -65,19 +65,36 @@ def block_of(a: float, b: float, c: float, density: float, mass: float, key: np.
 
 
 @lean
-def with_outline(block: Block, physics: Physics) -> Block:
-    """Return the block with the axes as which it moves in the plane."""
-    a, b = outlined(block.a, block.b, physics.outline_edges, physics.outline_share)
-    return block_of(a, b, block.c, block.density, block.mass, block.key)
-
-
-@lean
 def changed(block: Block, own: float, drag: float) -> Block:
     """Return the block with another moment of inertia per unit mass (m²) and rolling friction."""
     return Block(
         block.a, block.b, block.c, block.density, block.mass, block.key, own, block.radius,
         block.roll_radius, 1.0 + own / (block.roll_radius * block.roll_radius), drag
     )  # fmt: skip
+
+
+#: Moment of inertia of a mass point, over that of its mass at the rim: it gets no spin.
+_UNTURNED = 1e9
+
+
+@lean
+def is_point(block: Block) -> bool:
+    """Return whether a block is a mass point."""
+    return bool(block.roll_share > 1e6)
+
+
+@lean
+def with_outline(block: Block, physics: Physics) -> Block:
+    """Return the block with the axes as which it moves in the plane.
+
+    A mass point is the centre of a sphere of equal volume that nothing turns.
+    """
+    if physics.point:
+        r = block.radius
+        sphere = block_of(r, r, r, block.density, block.mass, block.key)
+        return changed(sphere, _UNTURNED * r * r, 1.0)
+    a, b = outlined(block.a, block.b, physics.outline_edges, physics.outline_share)
+    return block_of(a, b, block.c, block.density, block.mass, block.key)
 
 
 @lean

@@ -7,6 +7,7 @@ import math
 from sassgis.compiled import rng
 from sassgis.compiled.jit import fused, inlined, lean
 from sassgis.engine.contact import resting_height
+from sassgis.engine.draws import is_point
 from sassgis.engine.effects import hooks
 from sassgis.engine.ellipse import CountedRows, Record, Records, cos_sin, frame_of
 from sassgis.engine.impact import RESTITUTION, impact, normal_force, soft_landing
@@ -173,6 +174,11 @@ def land(
             ground = site.grounds[site.profile.rows[state.segment].ground]
             resistance = _resistance(block, ground, vt, growth(block, ground, physics))
         wt, wn, omega = soft_landing(lever, support, block.inertia, vt, vn, state.omega, resistance)
+        if is_point(block):
+            # Friction takes of its speed along the ground what it holds of that into it.
+            friction = site.grounds[site.profile.rows[state.segment].ground].mu_f
+            wt = math.copysign(max(abs(vt) - friction * abs(vn), 0.0), vt)
+            wn, omega = 0.0, 0.0
         state.omega = omega
     else:
         if _rebound(
@@ -289,7 +295,7 @@ def _settle(
     radius = block.roll_radius
     roll_x, roll_z = rolling_place(profile, segment, foot_x, foot_z, radius)
     lifted = energy + gravity * (state.z - roll_z)
-    if lifted > 0.0:
+    if lifted > 0.0 and not is_point(block):
         state.speed = math.sqrt(2.0 * lifted / block.roll_share)
         state.omega = direction * state.speed / radius
         state.x = roll_x

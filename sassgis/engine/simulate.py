@@ -223,7 +223,7 @@ def physics_of(settings: EngineSettings) -> Physics:
         eta_rule=impact_rules.RULES[settings.eta_max_rule or ""],
         slope_variation=settings.slope_variation == "per_impact",
         as_ellipse=settings.rolling == "ellipse",
-        tipping=bool(settings.tipping),
+        tipping=bool(settings.tipping) and settings.block == "ellipse",
         corner_as_circle=settings.corner == "circle",
         end_sliding=bool(settings.end_sliding),
         tolerance=float(settings.contact_tolerance_m),
@@ -231,6 +231,7 @@ def physics_of(settings: EngineSettings) -> Physics:
         rolling_friction_sd=float(settings.rolling_friction_sd or 0.0),
         outline_edges=float(settings.outline_edges or 0.0),
         outline_share=1.0 if settings.outline_share is None else float(settings.outline_share),
+        point=settings.block == "point",
     )
 
 
@@ -242,6 +243,8 @@ def moving_axes(axes: FloatArray, settings: EngineSettings) -> FloatArray:
     physics = physics_of(settings.resolved())
     moving: FloatArray = np.array(axes, order="C")
     for row in moving.reshape(-1, moving.shape[-1]):
+        if physics.point:
+            row[:3] = np.cbrt(row[:3].prod())
         row[:2] = outlined(row[0], row[1], physics.outline_edges, physics.outline_share)
     return moving
 

@@ -188,6 +188,7 @@ class Physics(NamedTuple):
     rolling_friction_sd: float  # of the logarithm
     outline_edges: float
     outline_share: float
+    point: bool  # whether blocks are mass points: they slide and rebound, and do not turn
 
 
 class Site(NamedTuple):

@@ -434,6 +434,12 @@ class EngineSettings(Section):
         "eta_max_rule, rolling, rolling_threshold, rolling_friction_sd, outline_edges, "
         "outline_share, tipping and corner are as in the set unless given",
     ] = "hazard"
+    block: Annotated[
+        Literal["ellipse", "point"],
+        '"point": blocks are mass points, the first model of the authors of 1986: they rebound and '
+        "slide with friction μ_f, and neither turn nor roll; it needs another eta_max_rule than "
+        '"scale"',
+    ] = "ellipse"
     gravity_mps2: Annotated[float, Interval(ge=0.1, le=30.0), "acceleration of gravity (m/s2)"] = (
         9.81
     )
@@ -524,6 +530,15 @@ class EngineSettings(Section):
         "of followed paths: standard deviation of the angle between the way of a block and the "
         "steepest descent, drawn once for each block (degrees)",
     ] = 5.0
+
+    def _fits_together(self) -> None:
+        rule = self.eta_max_rule or _READINGS[self.readings]["eta_max_rule"]
+        if self.block == "point" and rule == "scale":
+            raise ConfigError(
+                "a mass point would stop at its first contact",
+                field="eta_max_rule", found="scale",
+                expected='"restitution" or "coulomb" with block = "point"',
+            )  # fmt: skip
 
     def resolved(self) -> EngineSettings:
         """Return the same settings with every key of the named set filled in.
