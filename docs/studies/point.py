@@ -18,7 +18,7 @@ import numpy as np
 from field_cases.kinematics import Values, kinematics, observed
 from field_cases.sites import tschamut
 from field_cases.tables import fresh
-from study_tables import table
+from study_tables import replaced, table
 
 from sassgis.gap.observations.case import Case
 from sassgis.runs.calibrate import read_case
