@@ -87,6 +87,7 @@ def fetch(
     DEM_CRS,
     OVERRIDE_CRS,
     AS_JSON,
+    click.option("-o", "--output", "out", type=PATH, help="GeoPackage: cells that need a look."),
     click.option("--html", type=PATH, help="Write the page as HTML too."),
     OVERWRITE,
     name="check",
@@ -94,15 +95,25 @@ def fetch(
     example="dem check terrain/terrain.vrt",
 )
 def check_terrain(
-    dem: Path, as_json: bool, html: Path | None, overwrite: bool, **given: Any
+    dem: Path,
+    as_json: bool,
+    out: Path | None,
+    html: Path | None,
+    overwrite: bool,
+    **given: Any,
 ) -> None:
     """Judge the terrain model DEM, a raster or a folder of tiles: a verdict for each item."""
-    from sassgis.runs.dem_check import check_dem, write_dem_page
+    from sassgis.runs.dem_check import check_dem, write_dem_cells, write_dem_page
 
     report = check_dem(dem, **given)
     printed(report, as_json)
     if html is not None:
         write_dem_page(html, report, overwrite)
+    if out is not None:
+        write_dem_cells(out, report, overwrite)
+    said = report.suggestion() if out is None else f"Wrote {out}: {len(report.cells)} items"
+    if said and not as_json:
+        click.echo(said)
 
 
 @command(

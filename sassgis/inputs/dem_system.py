@@ -45,7 +45,7 @@ def dem_system(
         found = None
         if isinstance(file, Path) and (beside := file.with_suffix(".prj")).exists():
             found = f"{beside.name}, which states none that is understood"
-        expected = 'it as terrain.crs, such as "EPSG:2056" (or "local")'
+        expected = 'its system as terrain.crs, such as "EPSG:2056" (or "local")'
         raise wrong(NO_SYSTEM, found=found, expected=expected)
     agree = wanted is None or stated is None or same_crs(crs_parts(stated)[0], crs_parts(wanted)[0])
     if stated is not None and (local or not agree):
