@@ -169,6 +169,12 @@ _NAMED_EMPTY = ("release", "edits")
 _RELEASE_LAYERS = ("release_areas", "release")
 
 
+def project_keys(file: Path) -> StartKeys:
+    """Return the name of the project: that of the folder of the configuration."""
+    name = file.resolve().parent.name
+    return [("project", {"name": name})] if name else []
+
+
 def start_keys(folder: Path, dem: Path | None, release: Path | None) -> StartKeys:
     """Return the keys that the files of a site decide.
 
