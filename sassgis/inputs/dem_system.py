@@ -50,8 +50,8 @@ def dem_system(
     agree = wanted is None or stated is None or same_crs(crs_parts(stated)[0], crs_parts(wanted)[0])
     if stated is not None and (local or not agree):
         raise wrong(
-            "the coordinate system of the file and the one configured differ",
-            found=f"{stated.name} in the file, {configured} configured",
+            "the coordinate systems of the file and of terrain.crs differ",
+            found=f"{stated.name} in the file, {configured} as terrain.crs",
             expected="the same; if that of the file is wrong: terrain.override_crs as well",
         )
     if stated is None and local:

@@ -84,8 +84,9 @@ def check_preset(name: str) -> PresetReport:
         if list(row) != own:
             raise InputError(
                 "is not computed as it is written", file=preset.file,
-                field=f"matrix.{intensity.code}", found=[preset.levels[k].code for k in own],
-                expected=[preset.levels[k].code for k in row],
+                field=f"matrix.{intensity.code}",
+                found=", ".join(preset.levels[k].code for k in own),
+                expected=", ".join(preset.levels[k].code for k in row),
             )  # fmt: skip
     return PresetReport(preset, tuple(_notes(preset)))
 
