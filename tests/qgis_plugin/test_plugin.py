@@ -486,7 +486,8 @@ def test_the_panel_leads_from_terrain_to_sheets(
     manifest = json.loads((tmp_path / "result" / "manifest.json").read_text())
     share = manifest["settings"]["zoning"]["changed_share"]
     assert after["bar"] == round(1000 * share) and f"{100 * share:.1f} %" in after["share"]
-    assert f"on {100 * share:.1f} %" in after["status"]["zones"] and "zones." in after["line"]
+    assert f"{100 * share:.1f} % of the zoned area" in after["status"]["zones"]
+    assert "zones." in after["line"]
     # Five blocks a point are too few.
     assert after["next"] == (
         "<b>Next: more blocks per release point, or as many as the map needs; then zones again.</b>"
