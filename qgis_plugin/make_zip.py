@@ -1,9 +1,10 @@
 """Make the zip of the QGIS plugin: equal files give equal bytes.
 
-    python qgis_plugin/make_zip.py OUT.zip --repository https://... --email NAME@...
+    python qgis_plugin/make_zip.py [OUT.zip] [--repository https://... --email NAME@...]
 
-The address of the repository and of whoever answers are part of a publication and stand in no file
-here; without them the zip can be installed from the disk, and is not one for plugins.qgis.org.
+Without OUT.zip it is dist/sassgis_plugin-VERSION.zip, beside the wheel of the program. The address
+of the repository and of whoever answers are part of a publication and stand in no file here;
+without them the zip can be installed from the disk, and is not one for plugins.qgis.org.
 """
 
 from __future__ import annotations
@@ -29,6 +30,7 @@ _LARGEST = 25_000_000
 
 def make_zip(target: Path, repository: str = "", email: str = "") -> None:
     """Write the zip that QGIS installs; a publication has addresses in its metadata."""
+    target.parent.mkdir(parents=True, exist_ok=True)
     files = [file for file in PLUGIN.iterdir() if file.suffix in _SUFFIXES]
     with zipfile.ZipFile(target, "w", zipfile.ZIP_DEFLATED) as archive:
         for file in sorted([*files, LICENSE], key=lambda file: file.name):
@@ -44,6 +46,13 @@ def make_zip(target: Path, repository: str = "", email: str = "") -> None:
 def _addresses(repository: str, email: str) -> str:
     root = repository.rstrip("/")
     return f"email={email}\nrepository={root}\ntracker={root}/issues\nhomepage={root}\n"
+
+
+def _usual() -> Path:
+    metadata = (PLUGIN / "metadata.txt").read_text(encoding="utf-8")
+    version = re.search(r"^version=(\S+)", metadata, re.M)
+    assert version
+    return Path("dist", f"{PLUGIN.name}-{version[1]}.zip")
 
 
 def problems_of(file: Path) -> list[str]:
@@ -80,7 +89,7 @@ def problems_of(file: Path) -> list[str]:
 def main() -> None:
     """Read the command line."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("target", type=Path)
+    parser.add_argument("target", type=Path, nargs="?", default=_usual())
     parser.add_argument("--repository", default="", help="address of the source code")
     parser.add_argument("--email", default="", help="of whoever answers")
     given = parser.parse_args()

@@ -7,20 +7,26 @@ commands do.
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Mapping
+import re
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import replace
 from functools import partial
+from os import PathLike
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeAlias, cast
 
 import numpy as np
+import xarray as xr
 
 import sassgis
+from sassgis.errors import InputError
 from sassgis.grid import Grid
 from sassgis.hazard.assess import Hazard, Rules, assess
 from sassgis.hazard.sources import sampled_sources
 from sassgis.inputs.config import configure, resolved
 from sassgis.inputs.presets import read_preset
+from sassgis.inputs.site_layers import are_names
 from sassgis.runs.inputs import named_preset, ref_width, yearly_frequencies
 from sassgis.runs.profile_run import profile_input, simulate_profile
 from sassgis.runs.resumable_run import Simulation, Workplace, read_job, simulate_job
@@ -35,22 +41,73 @@ from sassgis.simulation.workers import Jobs, OnProgress
 
 if TYPE_CHECKING:
     import geopandas as gpd
-    import xarray as xr
+    import pandas as pd
+    from affine import Affine
+    from matplotlib.axes import Axes
+    from numpy.typing import NDArray
+    from pyproj import CRS
+    from shapely import Geometry
 
     from sassgis.outputs.frames import ProfileTables
+    from sassgis.settings.settings import BarrierSettings, BlockSettings, StationSettings
+
+    #: Heights: a file, an array that knows its place, or one with transform and system.
+    Place = Affine | Sequence[float]
+    Terrain: TypeAlias = (
+        str | PathLike[str] | xr.DataArray | Grid | tuple[NDArray[Any], Place, CRS | str | None]
+    )
+    #: Points, lines or polygons.
+    Layer: TypeAlias = str | PathLike[str] | gpd.GeoDataFrame | gpd.GeoSeries | Geometry
 
 #: A mapping of keys to values, as a section of the configuration file.
-Section = Mapping[str, Any]
+Section = Mapping[str, object]
+
+#: What messages about keys of a configuration call the parameters of the functions below.
+_PARAMETERS = {
+    r"terrain\.override_crs": 'terrain={"override_crs": True}',
+    r"terrain\.crs": "crs",
+    r"terrain\.dem": "dem",
+    r"release\.file": "release",
+    r"ground\.(file|default)": "ground",
+    r"hazard\.preset": "rules",
+    r"hazard\.ref_width_m": "ref_width_m",
+    r"run\.seed": "seed",
+    r"profile\.file": "line",
+    r"profile\.start_m": "start_m",
+    r"profile\.rocks": "n_blocks",
+    r"sections \[\[(\w+)\]\]: ": "",
+    r"at least one \[\[blocks\]\]": 'at least one mapping, as {"volume_m3": (0.5, 2)}',
+    r"missing (key|section)": "missing",
+}
+
+
+@contextmanager
+def _in_parameters() -> Iterator[None]:
+    """Have errors speak of parameters, not of keys of a configuration that nobody wrote."""
+
+    def worded(text: object) -> object:
+        if isinstance(text, str):
+            for key, parameter in _PARAMETERS.items():
+                text = re.sub(rf"(?<![\w./]){key}", parameter, text)
+        return text
+
+    try:
+        yield
+    except InputError as error:
+        texts = {
+            key: worded(getattr(error, key)) for key in ("problem", "field", "found", "expected")
+        }
+        raise type(error)(**error.parts(**texts)) from None
 
 
 def simulate(
-    dem: Any,
-    release: Any = None,
+    dem: Terrain | Config,
+    release: Layer | Section | None = None,
     *,
-    blocks: Any = None,
-    ground: Any = None,
-    barriers: Any = None,
-    stations: Any = None,
+    blocks: Section | BlockSettings | Sequence[Section | BlockSettings] | None = None,
+    ground: Layer | GroundClass | Section | None = None,
+    barriers: Sequence[Section | BarrierSettings] | None = None,
+    stations: Sequence[Section | StationSettings] | None = None,
     crs: str | None = None,
     rules: str = "ch-so",
     ref_width_m: float | None = None,
@@ -58,7 +115,7 @@ def simulate(
     jobs: Jobs = None,
     on_progress: OnProgress | None = None,
     say: Callable[[str], None] | None = None,
-    **sections: Section,
+    **sections: Section | Sequence[Section],
 ) -> xr.Dataset:
     """Simulate blocks from release areas over a terrain model.
 
@@ -70,7 +127,8 @@ def simulate(
         Config, which has all.
     release : path, GeoDataFrame, GeoSeries, geometry, or mapping
         Polygons, lines or points where blocks start; or the section ``[release]``, as
-        ``{"file": frame, "name_field": "name", "spacing_m": 10}``.
+        ``{"file": frame, "spacing_m": 10}``. A column ``name`` of a GeoDataFrame, if its names
+        differ, names the areas unless ``name_field`` is another.
     blocks : mapping, or sequence of mappings
         Block scenarios: sections ``[[blocks]]``, as ``{"volume_m3": (0.5, 2), "onset_frequency":
         0.1}``. Zones need the onset frequency, in blocks a year of each release area.
@@ -129,20 +187,20 @@ def simulate(
     """
     if isinstance(dem, Config):
         return _simulated(dem, jobs, on_progress, say)
-    hazard = {"preset": rules, "ref_width_m": ref_width_m} | dict(sections.pop("hazard", {}))
-    terrain = {"dem": dem, "crs": crs} | dict(sections.pop("terrain", {}))
-    config = configure(
-        terrain=terrain,
-        release=dict(release) if isinstance(release, Mapping) else {"file": release},
-        ground=_ground_section(ground),
-        blocks=_named_blocks(blocks),
-        barriers=barriers or (),
-        stations=stations or (),
-        hazard=hazard,
-        run={"seed": seed} | dict(sections.pop("run", {})),
-        **sections,
-    )
-    return _simulated(config, jobs, on_progress, say)
+    with _in_parameters():
+        hazard: Section = {"preset": rules, "ref_width_m": ref_width_m}
+        config = configure(
+            terrain={"dem": _input(dem, "dem"), "crs": crs} | _popped(sections, "terrain"),
+            release=_release_section(release),
+            ground=_ground_section(ground),
+            blocks=_named_blocks(blocks),
+            barriers=barriers or (),
+            stations=stations or (),
+            hazard={**hazard, **_popped(sections, "hazard")},
+            run={"seed": seed} | _popped(sections, "run"),
+            **sections,
+        )
+        return _simulated(config, jobs, on_progress, say)
 
 
 def _simulated(
@@ -192,7 +250,28 @@ def _frequencies(config: Config, done: Simulation) -> dict[tuple[str, str], floa
     return {(a.name, s): np.nan for a in done.run.areas for s in a.scenarios}
 
 
-def _ground_section(ground: Any) -> Section:
+def _input(value: object, name: str) -> object:
+    """Return an input that messages call as the parameter is called; None for none."""
+    from sassgis.inputs.in_memory import as_input
+
+    return None if value is None else as_input(value, name)
+
+
+def _popped(sections: dict[str, Section | Sequence[Section]], name: str) -> dict[str, object]:
+    """Take a section out of those that were given besides the parameters."""
+    return dict(cast(Section, sections.pop(name, {})))
+
+
+def _release_section(release: Layer | Section | None) -> Section:
+    section = dict(release) if isinstance(release, Mapping) else {"file": release}
+    file = section.get("file")
+    columns = getattr(file, "columns", ())
+    if "name_field" not in section and "name" in columns and are_names(file["name"]):  # type: ignore[index]
+        section["name_field"] = "name"
+    return section | {"file": _input(file, "release")}
+
+
+def _ground_section(ground: Layer | GroundClass | Section | None) -> Section:
     if ground is None:
         return {}
     if isinstance(ground, Mapping):
@@ -202,18 +281,25 @@ def _ground_section(ground: Any) -> Section:
     # A text with a suffix is a file; the name of a class has none.
     if isinstance(ground, str) and not Path(ground).suffix:
         return {"default": ground}
-    return {"file": ground}
+    return {"file": _input(ground, "ground")}
 
 
-def _named_blocks(blocks: Any) -> Any:
+def _named_blocks(
+    blocks: Section | BlockSettings | Sequence[Section | BlockSettings] | None,
+) -> Section | BlockSettings | Sequence[Section | BlockSettings]:
     """Block scenarios; one by itself needs no name."""
     return {"name": "blocks"} | dict(blocks) if isinstance(blocks, Mapping) else blocks or ()
 
 
 def _assessed(
-    maps: xr.Dataset, rules: str | None, confidence: float, zoning: Section
+    maps: xr.Dataset, rules: str | PathLike[str] | None, confidence: float, zoning: Section
 ) -> tuple[Rules, Grid, Hazard]:
     """The rules with which zones are drawn, the grid, and what the counts say of the hazard."""
+    if not 0.0 < confidence < 1.0:
+        raise InputError(
+            "is out of range", field="confidence", found=confidence,
+            expected="a number above 0 and below 1",
+        )  # fmt: skip
     from sassgis.inputs.dataset_sources import dataset_grid, dataset_sources
     from sassgis.outputs.qgis.layout import drawing_on_sheet
 
@@ -222,7 +308,7 @@ def _assessed(
     sampled, energies = dataset_sources(maps, preset)
     frequencies = {(s.source.area, s.source.scenario): s.source.frequency for s in sampled}
     width, spacing = (float(maps.attrs[name]) for name in ("ref_width_m", "release_spacing_m"))
-    drawn, metres = ZoningSettings(**zoning), (width, spacing, grid.cell_size)
+    drawn, metres = ZoningSettings(**cast(dict[str, Any], zoning)), (width, spacing, grid.cell_size)
     own = Rules(
         preset=preset,
         frequencies=frequencies,
@@ -240,7 +326,11 @@ def _assessed(
 
 
 def zones(
-    ds: xr.Dataset, rules: str | None = None, *, confidence: float = 0.95, **zoning: Any
+    ds: xr.Dataset,
+    rules: str | PathLike[str] | None = None,
+    *,
+    confidence: float = 0.95,
+    **zoning: float | str | bool,
 ) -> gpd.GeoDataFrame:
     """Hazard zones from the dataset of a simulation.
 
@@ -268,14 +358,17 @@ def zones(
     InputError, ConfigError
         The dataset has no counts for these rules, or a source no onset frequency.
     """
+    return _zone_frame(*_assessed(ds, rules, confidence, zoning), confidence)
+
+
+def _zone_frame(own: Rules, grid: Grid, hazard: Hazard, confidence: float) -> gpd.GeoDataFrame:
     from sassgis.outputs.layers.zones import hazard_zones
 
-    own, grid, hazard = _assessed(ds, rules, confidence, zoning)
     return hazard_zones(hazard, own.preset, grid, own.ref_width_m, confidence).frame
 
 
 def hazard_maps(
-    ds: xr.Dataset, rules: str | None = None, *, confidence: float = 0.95
+    ds: xr.Dataset, rules: str | PathLike[str] | None = None, *, confidence: float = 0.95
 ) -> xr.Dataset:
     """Maps of level, intensity, energy and frequency by return period, and how certain they are.
 
@@ -300,20 +393,47 @@ def hazard_maps(
     return maps_dataset(layers, grid, facts | {"preset": own.preset.name} | shares)
 
 
+@xr.register_dataset_accessor("sassgis")  # type: ignore[no-untyped-call]
+class Drawn:
+    """What a dataset of ``simulate`` draws: ``ds.sassgis``."""
+
+    def __init__(self, ds: xr.Dataset) -> None:
+        self._ds = ds
+
+    def plot_zones(
+        self,
+        rules: str | PathLike[str] | None = None,
+        *,
+        ax: Axes | None = None,
+        confidence: float = 0.95,
+        **zoning: float | str | bool,
+    ) -> Axes:
+        """Draw hazard zones in the colours of the preset, over the relief.
+
+        Parameters and errors are those of ``zones``; ``ax`` is where to draw, default: a new
+        figure of matplotlib.
+        """
+        from sassgis.report.figures.zone_axes import draw_zones
+
+        own, grid, hazard = _assessed(self._ds, rules, confidence, zoning)
+        frame = _zone_frame(own, grid, hazard, confidence)
+        return draw_zones(frame, own.preset.levels, grid, ax)
+
+
 def profile(
-    line: Any = None,
+    line: pd.DataFrame | Layer | Config | None = None,
     *,
-    blocks: Any = None,
-    dem: Any = None,
+    blocks: Section | BlockSettings | Sequence[Section | BlockSettings] | None = None,
+    dem: Terrain | None = None,
     point: tuple[float, float] | None = None,
-    ground: Any = None,
-    barriers: Any = None,
-    stations: Any = None,
+    ground: Layer | GroundClass | Section | None = None,
+    barriers: Sequence[Section | BarrierSettings] | None = None,
+    stations: Sequence[Section | StationSettings] | None = None,
     crs: str | None = None,
     start_m: float | tuple[float, float] | None = None,
     n_blocks: int | None = None,
     seed: int = 1,
-    **sections: Section,
+    **sections: Section | Sequence[Section],
 ) -> ProfileTables:
     """Simulate blocks down one profile.
 
@@ -351,21 +471,25 @@ def profile(
 
     if isinstance(line, Config):
         return _tables(line, profile_input(line, point=point), n_blocks)
-    own: dict[str, Any] = {"rocks": n_blocks, "start_m": start_m}
-    if dem is None:
-        own["file"] = line
-    config = configure(
-        terrain={"dem": dem, "crs": crs} | dict(sections.pop("terrain", {})),
-        profile=own | dict(sections.pop("profile", {})),
-        blocks=_named_blocks(blocks),
-        ground=_ground_section(ground),
-        barriers=barriers or (),
-        stations=stations or (),
-        run={"seed": seed},
-        **sections,
-    )
-    drawn = None if dem is None or line is None else as_input(line, "line")
-    return _tables(config, profile_input(config, point=point, line=drawn), n_blocks)
+    with _in_parameters():
+        given = None if line is None else as_input(line, "line")
+        own: Section = {"rocks": n_blocks, "start_m": start_m}
+        config = configure(
+            terrain={"dem": _input(dem, "dem"), "crs": crs} | _popped(sections, "terrain"),
+            profile={
+                **own,
+                **({"file": given} if dem is None else {}),
+                **_popped(sections, "profile"),
+            },
+            blocks=_named_blocks(blocks),
+            ground=_ground_section(ground),
+            barriers=barriers or (),
+            stations=stations or (),
+            run={"seed": seed} | _popped(sections, "run"),
+            **sections,
+        )
+        drawn = None if dem is None else given
+        return _tables(config, profile_input(config, point=point, line=drawn), n_blocks)
 
 
 def _tables(config: Config, found: ProfileInput, n_blocks: int | None) -> ProfileTables:

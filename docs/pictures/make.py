@@ -13,8 +13,10 @@ from pathlib import Path
 from PIL import Image
 
 from sassgis.inputs.config import load_config
+from sassgis.inputs.presets import read_preset
 from sassgis.outputs.site_template import sample_folder
 from sassgis.report.figures import profile_figure, save
+from sassgis.report.figures.hazard_figures import preset_figure
 from sassgis.report.map_report import profile_panel
 from sassgis.runs import compare
 from sassgis.runs.diagnose import diagnose
@@ -64,6 +66,15 @@ def before_and_after(folder: Path) -> None:
     save(profile_figure(panels), folder / "before_after.png")
 
 
+def preset(folder: Path) -> None:
+    """The matrix of the preset that is the example of its page."""
+    page = (Path(__file__).parents[1] / "presets.md").read_text(encoding="utf-8")
+    with tempfile.TemporaryDirectory() as work:
+        file = Path(work) / "office.toml"
+        file.write_text(page.split("```toml\n")[1].split("```")[0], encoding="utf-8")
+        save(preset_figure(read_preset(file)), folder / "preset_matrix.png")
+
+
 def map_change(folder: Path) -> None:
     """How the map of the sample changes with the ground calibrated to its observations."""
     with tempfile.TemporaryDirectory() as work:
@@ -84,6 +95,7 @@ def main() -> None:
     before_and_after(folder)
     demo(folder)
     map_change(folder)
+    preset(folder)
 
 
 if __name__ == "__main__":

@@ -40,10 +40,10 @@ from qgis.PyQt.QtWidgets import (
 from .command import GROUND_CLASSES
 from .program import what_is_missing
 from .result_tools import sheets_of
-from .run_tools import EXPOSED, PRESETS
+from .run_tools import EXPOSED, FIRST_BLOCKS, PRESETS, REF_WIDTH_M
 from .steps import LOOK_SHARE, Scenario, Site, next_step, steps_of, verdict
 
-_COLUMNS = ("Name", "From (m³)", "To (m³)", "Onset/year")
+_COLUMNS = ("Name", "From m³", "To m³", "Per year")
 _COLOURS = {"good": "#1b7837", "look": "#b35806", "bad": "#b2182b", "none": "#6b6b6b"}
 #: Further layers: parameter of the algorithms, what it is, kind of geometry.
 _FURTHER = (
@@ -115,6 +115,7 @@ class SiteDock(QDockWidget):
         area = QScrollArea()
         area.setWidgetResizable(True)
         area.setWidget(inner)
+        area.setHorizontalScrollBarPolicy(Qt.ScrollBarPolicy.ScrollBarAlwaysOff)
         self.setWidget(area)
         self.refresh()
 
@@ -173,8 +174,8 @@ class SiteDock(QDockWidget):
         form.addRow("Layer", self.release)
         self._buttons(
             form,
-            ("Propose from slopes ...", lambda: self._open("cliffs", self._of_dem())),
-            ("Layers to draw in ...", lambda: self._open("new_site", self._of_dem())),
+            ("Propose ...", lambda: self._open("cliffs", self._of_dem())),
+            ("Draw ...", lambda: self._open("new_site", self._of_dem())),
         )
 
     def _ground(self):
@@ -204,12 +205,12 @@ class SiteDock(QDockWidget):
         self.spacing.setRange(0.01, 10_000.0)
         self.spacing.setValue(5.0)
         self.count.setRange(1, 1_000_000)
-        self.count.setValue(100)
-        form.addRow("Spacing of release points (m)", self.spacing)
-        form.addRow("Blocks per release point", self.count)
+        self.count.setValue(FIRST_BLOCKS)
+        form.addRow("Spacing of points (m)", self.spacing)
+        form.addRow("Blocks per point", self.count)
 
     def _further(self):
-        form = self._step("further", "Where there are any: protection, forest, objects")
+        form = self._step("further", "Protection, forest, objects (if any)")
         self.further = {}
         for name, text, kind in _FURTHER:
             self.further[name] = self._layers(kind)
@@ -237,11 +238,13 @@ class SiteDock(QDockWidget):
         self.width_m, self.preset = QDoubleSpinBox(), QComboBox()
         self.width_m.setRange(0.0, 1000.0)
         self.width_m.setSpecialValueText("not stated")
+        self.width_m.setValue(REF_WIDTH_M)
         self.width_m.valueChanged.connect(self.refresh)
         self.preset.addItems(PRESETS)
         self.edits = self._layers(QgsMapLayerProxyModel.PolygonLayer)
         self.assessed = self._layers(QgsMapLayerProxyModel.PolygonLayer)
-        self.auto = QCheckBox("More blocks, as many as the map needs")
+        self.auto = QCheckBox("As many blocks as needed")
+        self.auto.setChecked(True)
         form.addRow("Reference width (m)", self.width_m)
         form.addRow("Rules", self.preset)
         form.addRow("Edits by hand", self.edits)
@@ -344,6 +347,13 @@ class SiteDock(QDockWidget):
         self.print_button.setEnabled(bool(self._sheets))
         self.report_button.setEnabled(bool(self._result))
         self._show_share()
+        self._fit()
+
+    def _fit(self):
+        """Keep the panel so wide that nothing is cut off at its right."""
+        area = self.widget()
+        bar = area.verticalScrollBar().sizeHint().width() + 2 * area.frameWidth()
+        area.setMinimumWidth(area.widget().minimumSizeHint().width() + bar)
 
     def _show_share(self):
         share = self._share or 0.0

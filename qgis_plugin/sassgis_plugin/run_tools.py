@@ -43,6 +43,10 @@ from .steps import Scenario, table_problem
 GROUP = "2 Simulate"
 PRESETS = ("ch-so", "ti")
 LANGUAGES = ("en", "de", "fr", "it")
+#: Blocks of each release point at first; how many the map needs shows while it simulates.
+FIRST_BLOCKS = 20
+#: Reference width that a new site has (m).
+REF_WIDTH_M = 10.0
 #: Layers of a site: parameter, name of the layer, what it is, kind of geometry.
 _LAYERS = (
     ("RELEASE", "release_areas", "Release areas (name, scenario)", ANY_GEOMETRY),
@@ -81,11 +85,14 @@ def _site_parameters(width: bool) -> list[QgsProcessingParameterDefinition]:
             "SCENARIOS", "Block scenarios", 1, False, list(_COLUMNS), ["blocks", 0.5, 2.0, ""], True
         ),
         number("SPACING", "Spacing of the release points (m)", default=5.0, low=0.01),
-        number("BLOCKS", "Blocks per release point", INTEGER, default=100, low=1),
+        number("BLOCKS", "Blocks per release point", INTEGER, default=FIRST_BLOCKS, low=1),
         *(
             [
-                box("AUTO", "More blocks, as many as the map needs"),
-                number("REF_WIDTH", "Reference width of all frequencies (m)"),
+                box("AUTO", "As many blocks as the map needs, those above at first", True),
+                number(
+                    "REF_WIDTH", "Reference width of all frequencies (m)", default=REF_WIDTH_M,
+                    low=0.01,
+                ),
                 choice("PRESET", "Rules of the hazard levels", PRESETS, PRESETS[0]),
             ]
             if width
@@ -172,16 +179,7 @@ def _block(scenario: Scenario) -> str:
 
 
 def _width(inputs: Inputs) -> list[str]:
-    """Settings of zones from layers, all of which must be there."""
-    if not inputs.given("REF_WIDTH"):
-        raise QgsProcessingException(
-            "Reference width of all frequencies (m): zones from layers need it"
-        )
-    for row in inputs.rows("SCENARIOS"):
-        if not row[3]:
-            raise QgsProcessingException(
-                f"Block scenarios: {row[0]}: zones from layers need its onset frequency"
-            )
+    """Settings of zones from layers."""
     return [
         f"hazard.ref_width_m={number_text(inputs.number('REF_WIDTH'))}",
         f"hazard.preset={inputs.text('PRESET')}",
@@ -217,8 +215,7 @@ class Configuration(Tool):
         """Write the files."""
         check_program(feedback)
         inputs = Inputs(self, parameters, context, feedback)
-        width = _width(inputs) if inputs.given("REF_WIDTH") else []
-        (written,) = _site(inputs, width)
+        (written,) = _site(inputs, _width(inputs))
         return {"USED_CONFIG": str(written)}
 
 
@@ -260,7 +257,14 @@ class Zone(Command):
         return _site_parameters(width=True)
 
     def _arguments(self, inputs):
-        return _site(inputs) if inputs.given("CONFIG") else _site(inputs, _width(inputs))
+        if inputs.given("CONFIG"):
+            return _site(inputs)
+        for row in inputs.rows("SCENARIOS"):
+            if not row[3]:
+                raise QgsProcessingException(
+                    f"Block scenarios: {row[0]}: zones from layers need its onset frequency"
+                )
+        return _site(inputs, _width(inputs))
 
 
 class Profile(Command):

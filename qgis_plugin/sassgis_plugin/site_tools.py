@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 from qgis.core import (
     QgsProcessingParameterCrs,
     QgsProcessingParameterFileDestination,
@@ -31,7 +33,17 @@ def _with_system(inputs) -> list[object]:
     return ["--crs", inputs.system(), *inputs.ticked("OVERRIDE_CRS", "--override-crs")]
 
 
-class _Writes(Tool):
+class _Loads(Tool):
+    """A tool whose file is loaded, if it is a GeoPackage."""
+
+    def postProcessAlgorithm(self, context, feedback):
+        """Load the layers."""
+        if self._file is not None and self._file.suffix == ".gpkg":
+            project_layers(self._file, context, feedback)
+        return {}
+
+
+class _Writes(_Loads):
     """A tool that writes a file, which is loaded."""
 
     KINDS, TEXT = "GeoPackage (*.gpkg)", "New GeoPackage"
@@ -48,14 +60,8 @@ class _Writes(Tool):
         self._file = inputs.out if inputs.flag("LOAD") else None
         return {"OUTPUT": str(inputs.out)}
 
-    def postProcessAlgorithm(self, context, feedback):
-        """Load the layers."""
-        if self._file is not None and self._file.suffix == ".gpkg":
-            project_layers(self._file, context, feedback)
-        return {}
 
-
-class DemCheck(Tool):
+class DemCheck(_Loads):
     """``sassgis dem check``."""
 
     NAME = "dem_check"
@@ -65,19 +71,31 @@ class DemCheck(Tool):
     ANSWERS = True
     HELP = (
         "Judges a terrain model for rockfall, item by item: coordinate system, units, holes, "
-        "resolution, steepness, terraces, spikes, pits and depressions."
+        "resolution, steepness, terraces, spikes, pits and depressions. The cells that need a look "
+        "are a layer."
     )
 
     def _parameters(self):
         page = QgsProcessingParameterFileDestination(
             "HTML", "Page with the findings", "HTML (*.html)", optional=True, createByDefault=False
         )
-        return [raster("DEM", "Terrain model"), _system(), _override(), page]
+        cells = QgsProcessingParameterFileDestination(
+            "CELLS", "Cells that need a look", "GeoPackage (*.gpkg)", optional=True
+        )
+        return [raster("DEM", "Terrain model"), _system(), _override(), page, cells]
 
     def _arguments(self, inputs):
-        page = self.parameterAsFileOutput(inputs.parameters, "HTML", inputs.context)
-        html = ["--html", page, "--overwrite"] if page else []
-        return [inputs.terrain(), *_with_system(inputs), *html]
+        page, cells = (
+            self.parameterAsFileOutput(inputs.parameters, name, inputs.context)
+            for name in ("HTML", "CELLS")
+        )
+        self._file = Path(cells) if cells else None
+        written = [*(["--html", page] if page else []), *(["-o", cells] if cells else [])]
+        overwrite = ["--overwrite"] if written else []
+        return [inputs.terrain(), *_with_system(inputs), *written, *overwrite]
+
+    def _outputs(self, inputs):
+        return {"CELLS": str(self._file)} if self._file else {}
 
 
 class Cliffs(_Writes):

@@ -18,6 +18,7 @@ from sassgis import __version__
 from sassgis.cli.observation_commands import calibrate, diagnose, template, validate_observations
 from sassgis.cli.run_commands import batch, compare, demo, export, profile, run, sensitivity, zone
 from sassgis.cli.site_commands import (
+    check_rules,
     check_terrain,
     cliffs,
     fetch,
@@ -27,6 +28,7 @@ from sassgis.cli.site_commands import (
     sample,
     schema,
     validate,
+    write_preset,
 )
 from sassgis.errors import Interrupted, OutputError, SassgisError, chain, of_the_system, shown
 from sassgis.simulation.workers import COLLECTED_EVERY, OF_TERMINALS
@@ -72,13 +74,20 @@ def dem() -> None:
     """Terrain models: get them, check them."""
 
 
+@click.group(cls=InOrder)
+def preset() -> None:
+    """Rules of hazard levels: write an office's own, check them."""
+
+
 for _command in (
-    demo, sample, dem, cliffs, new, init, schema, frequency, validate, profile, run, zone, compare,
-    export, sensitivity, batch, calibrate, gap,
+    demo, sample, dem, cliffs, new, init, schema, preset, frequency, validate, profile, run, zone,
+    compare, export, sensitivity, batch, calibrate, gap,
 ):  # fmt: skip
     cli.add_command(_command)
 for _command in (template, validate_observations, diagnose):
     gap.add_command(_command)
+for _command in (write_preset, check_rules):
+    preset.add_command(_command)
 for _command in (fetch, check_terrain):
     dem.add_command(_command)
 

@@ -101,12 +101,12 @@ def print_json(found: Mapping[str, object]) -> None:
     click.echo(json.dumps(plain(found), indent=1, ensure_ascii=False, allow_nan=False))
 
 
-def printed(found: Any, as_json: bool = False) -> None:
-    """Print what was found, line by line or as one JSON object."""
+def printed(found: Any, as_json: bool = False, *how: object) -> None:
+    """Print what was found, line by line (``how`` goes to ``lines``) or as one JSON object."""
     if as_json:
         print_json(found.as_dict())
     else:
-        for line in found.lines():
+        for line in found.lines(*how):
             click.echo(line)
 
 

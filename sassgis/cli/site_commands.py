@@ -87,6 +87,7 @@ def fetch(
     DEM_CRS,
     OVERRIDE_CRS,
     AS_JSON,
+    click.option("-o", "--output", "out", type=PATH, help="GeoPackage: cells that need a look."),
     click.option("--html", type=PATH, help="Write the page as HTML too."),
     OVERWRITE,
     name="check",
@@ -94,15 +95,25 @@ def fetch(
     example="dem check terrain/terrain.vrt",
 )
 def check_terrain(
-    dem: Path, as_json: bool, html: Path | None, overwrite: bool, **given: Any
+    dem: Path,
+    as_json: bool,
+    out: Path | None,
+    html: Path | None,
+    overwrite: bool,
+    **given: Any,
 ) -> None:
     """Judge the terrain model DEM, a raster or a folder of tiles: a verdict for each item."""
-    from sassgis.runs.dem_check import check_dem, write_dem_page
+    from sassgis.runs.dem_check import check_dem, write_dem_cells, write_dem_page
 
     report = check_dem(dem, **given)
     printed(report, as_json)
     if html is not None:
         write_dem_page(html, report, overwrite)
+    if out is not None:
+        write_dem_cells(out, report, overwrite)
+    said = report.suggestion() if out is None else f"Wrote {out}: {len(report.cells)} items"
+    if said and not as_json:
+        click.echo(said)
 
 
 @command(
@@ -209,11 +220,12 @@ def init(
         _from_rockyfor3d(file, folder, settings, overwrite)
         return
     from sassgis.files.atomic_output import write_new
-    from sassgis.inputs.site_layers import start_keys, with_system, with_values
+    from sassgis.inputs.site_layers import project_keys, start_keys, with_system, with_values
     from sassgis.outputs.config_template import config_template, short_template
     from sassgis.runs.inputs import collected_notices
 
-    asked = with_values(start_keys(file.parent, dem, release), settings)
+    keys = [*project_keys(file), *start_keys(file.parent, dem, release)]
+    asked = with_values(keys, settings)
     with collected_notices() as noticed:
         given = with_system(asked, dem, release)
     notes(noticed)
@@ -250,6 +262,45 @@ def schema(file: Path, overwrite: bool) -> None:
 
     write_new(file, json.dumps(config_schema(), indent=1, ensure_ascii=False) + "\n", overwrite)
     click.echo(f"Wrote {file}. First line of the configuration, for editors: #:schema {file.name}")
+
+
+@command(
+    click.argument("file", type=PATH),
+    click.option(
+        "--like", default="ch-so", show_default=True, help="Built-in preset to begin with."
+    ),
+    OVERWRITE,
+    name="new",
+    short_help="Write rules to change: those of a built-in preset.",
+    example="preset new office.toml",
+)
+def write_preset(file: Path, like: str, overwrite: bool) -> None:
+    """Write the rules of a built-in preset to FILE, to be changed (docs/presets.md)."""
+    from sassgis.runs.preset_check import new_preset
+
+    new_preset(file, like, overwrite)
+    click.echo(f"Wrote {file}. Change it, then: sassgis preset check {file} -o matrix.png")
+
+
+@command(
+    click.argument("preset"),
+    click.option("-o", "--output", "out", type=PATH, help="PNG: the matrix, and what it computes."),
+    AS_JSON,
+    OVERWRITE,
+    name="check",
+    short_help="Check the rules of hazard levels, with a picture.",
+    example="preset check office.toml -o matrix.png",
+)
+def check_rules(preset: str, out: Path | None, as_json: bool, overwrite: bool) -> None:
+    """Check PRESET, a TOML file or the name of a built-in one: its matrix, codes and colours."""
+    from sassgis.runs.preset_check import check_preset, write_preset_figure
+
+    report = check_preset(preset)
+    printed(report, as_json)
+    if out is not None:
+        write_preset_figure(out, report, overwrite)
+        if not as_json:
+            click.echo(f"Wrote {out}")
 
 
 @command(
@@ -295,12 +346,13 @@ def frequency(blocks: Path, scenarios: str, as_json: bool, **given: Any) -> None
 @command(
     CONFIG,
     AS_JSON,
+    click.option("--all", "every", is_flag=True, help="Every release area; sources of the ground."),
     short_help="Read all inputs; say what they are ready for.",
     example="validate sassgis.toml",
 )
-def validate(config: Path, as_json: bool) -> None:
+def validate(config: Path, as_json: bool, every: bool) -> None:
     """Check CONFIG and every file that it names; say what they are ready for and what it takes."""
     from sassgis.inputs.config import load_config
     from sassgis.runs.check_inputs import check_inputs
 
-    printed(check_inputs(load_config(config)), as_json)
+    printed(check_inputs(load_config(config)), as_json, every)

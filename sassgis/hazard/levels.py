@@ -77,6 +77,19 @@ def levels_of_rates(rate: FloatArray, preset: HazardPreset) -> NDArray[np.int16]
     return out
 
 
+def levels_of_events(
+    energy_kj: FloatArray, years: FloatArray, preset: HazardPreset
+) -> NDArray[np.int16]:
+    """Find the level of places that blocks of one energy reach once in so many years.
+
+    0 where it is too rare for any level, else the level's position in the preset plus 1.
+    """
+    met = energy_kj[:, None] >= np.array(preset.thresholds_kj)
+    rate = np.where(met, 1.0 / years[:, None], 0.0)
+    highest: NDArray[np.int16] = levels_of_rates(rate, preset).max(axis=1)
+    return highest
+
+
 def hazard_level(curves: HazardCurves, preset: HazardPreset) -> NDArray[np.int16]:
     """Find the hazard level of each place: the highest of the matrix that its curve crosses.
 

@@ -195,7 +195,11 @@ def load_config(path: str | PathLike[str], overrides: Mapping[str, object] | Non
     return _config_of(document, file.resolve(), file.parent.resolve())
 
 
-def configure(**sections: Any) -> Config:
+#: A section as a program gives it: its keys, or its settings as an object.
+GivenSection = Mapping[str, object] | Section
+
+
+def configure(**sections: GivenSection | Iterable[GivenSection] | None) -> Config:
     """Return a configuration made by a program: the sections and keys of the file, as keywords.
 
     Each is a mapping of keys to values, or its settings as an object; ``blocks``, ``stations``,

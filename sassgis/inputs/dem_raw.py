@@ -9,6 +9,8 @@ from typing import Any
 
 import numpy as np
 import pyproj
+from affine import Affine
+from rasterio.transform import xy
 
 from sassgis.errors import InputError
 from sassgis.grid import FloatArray
@@ -16,6 +18,7 @@ from sassgis.inputs.dem import (
     HIGHEST_M,
     LOWEST_M,
     METRES,
+    affine_of,
     describe_dem,
     height_band,
     lone_zeros,
@@ -36,8 +39,7 @@ class RawDem:
     values: FloatArray  # heights (m), shape (n_rows, n_cols); NaN where nothing can be known
     dx_m: float  # size of the cells (m), roughly where they are in degrees
     dy_m: float
-    corner: tuple[float, float]  # outer corner in the north-west, in the coordinates of the file
-    cell: tuple[float, float]  # size of the cells in the coordinates of the file
+    transform: Affine  # from columns and rows to the coordinates of the file
     crs: str  # well-known text; empty where it is not stated, as the name of the height system
     vertical_datum: str
     unit: str  # of the heights as the file states it
@@ -55,10 +57,8 @@ class RawDem:
 
     def place(self, row: int, col: int) -> tuple[float, float]:
         """Return x and y of the centre of a cell."""
-        return (
-            self.corner[0] + (col + 0.5) * self.cell[0],
-            self.corner[1] - (row + 0.5) * self.cell[1],
-        )
+        x, y = xy(self.transform, row, col)
+        return float(x), float(y)
 
 
 def read_raw_dem(path: Path, crs: str | None = None, override_crs: bool = False) -> RawDem:
@@ -69,11 +69,8 @@ def read_raw_dem(path: Path, crs: str | None = None, override_crs: bool = False)
     if path.is_dir():
         terrain = open_terrain(path, crs, None, override_crs)
         grid, gaps = read_whole(terrain, path), terrain.gaps
-        size, corner = grid.cell_size, (grid.west, grid.north)
-        cell = (size, size)
-        return RawDem(
-            grid.values, *cell, corner, cell, grid.crs, grid.vertical_datum, "m", gaps=gaps
-        )
+        size, place = grid.cell_size, affine_of(grid)
+        return RawDem(grid.values, size, size, place, grid.crs, grid.vertical_datum, "m", gaps=gaps)
     system_fault, wkt, datum = None, "", ""
     gaps = gaps_of_mosaic(path)
     with open_raster(path, "DEM") as dataset:
@@ -91,8 +88,8 @@ def read_raw_dem(path: Path, crs: str | None = None, override_crs: bool = False)
         if unit and not unit_fault:
             factor = METRES[unit.lower()]
         values, not_heights = _heights(dataset, band, path, factor)
-        dx, dy, width, height, in_metres = _cell_sizes(dataset, wkt)
-        west, north = dataset.transform.c, dataset.transform.f
+        dx, dy, in_metres = _cell_sizes(dataset, wkt)
+        transform = dataset.transform
         nodata = dataset.nodata
     if not np.isfinite(values).any():
         raise InputError("holds no height at all", file=path, field=f"band {band}")
@@ -100,8 +97,7 @@ def read_raw_dem(path: Path, crs: str | None = None, override_crs: bool = False)
         values=values,
         dx_m=dx,
         dy_m=dy,
-        corner=(west, north),
-        cell=(width, height),
+        transform=transform,
         crs=wkt,
         vertical_datum=datum,
         unit=unit,
@@ -130,8 +126,8 @@ def _heights(dataset: Any, band: int, file: Path, factor: float) -> tuple[FloatA
     return values, int((strange | infinite).sum())
 
 
-def _cell_sizes(dataset: Any, wkt: str) -> tuple[float, float, float, float, bool]:
-    """Return the size of a cell in metres and as in the file, and whether metres are known."""
+def _cell_sizes(dataset: Any, wkt: str) -> tuple[float, float, bool]:
+    """Return the size of a cell in metres, and whether it is known."""
     t = dataset.transform
     width, height = math.hypot(t.a, t.d), math.hypot(t.b, t.e)
     system = None
@@ -140,10 +136,10 @@ def _cell_sizes(dataset: Any, wkt: str) -> tuple[float, float, float, float, boo
     if system is not None and system.is_geographic:
         bounds = dataset.bounds
         if beyond_degrees(*bounds):
-            return width, height, width, height, False
+            return width, height, False
         middle = math.radians(0.5 * (bounds.top + bounds.bottom))
-        return width * _DEGREE_M * math.cos(middle), height * _DEGREE_M, width, height, True
+        return width * _DEGREE_M * math.cos(middle), height * _DEGREE_M, True
     factor = 1.0
     if system is not None and system.axis_info:
         factor = float(system.axis_info[0].unit_conversion_factor)
-    return width * factor, height * factor, width, height, True
+    return width * factor, height * factor, True

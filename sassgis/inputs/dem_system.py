@@ -45,13 +45,13 @@ def dem_system(
         found = None
         if isinstance(file, Path) and (beside := file.with_suffix(".prj")).exists():
             found = f"{beside.name}, which states none that is understood"
-        expected = 'it as terrain.crs, such as "EPSG:2056" (or "local")'
+        expected = 'its system as terrain.crs, such as "EPSG:2056" (or "local")'
         raise wrong(NO_SYSTEM, found=found, expected=expected)
     agree = wanted is None or stated is None or same_crs(crs_parts(stated)[0], crs_parts(wanted)[0])
     if stated is not None and (local or not agree):
         raise wrong(
-            "the coordinate system of the file and the one configured differ",
-            found=f"{stated.name} in the file, {configured} configured",
+            "the coordinate systems of the file and of terrain.crs differ",
+            found=f"{stated.name} in the file, {configured} as terrain.crs",
             expected="the same; if that of the file is wrong: terrain.override_crs as well",
         )
     if stated is None and local:

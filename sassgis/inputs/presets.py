@@ -70,14 +70,18 @@ def preset_names() -> tuple[str, ...]:
     return tuple(sorted(name.removesuffix(".toml") for name in files))
 
 
+def preset_text(name: str) -> str:
+    """Return the file of a preset that comes with sassgis."""
+    return (_FOLDER / f"{name}.toml").read_text(encoding="utf-8")
+
+
 def read_preset(name: str | PathLike[str]) -> HazardPreset:
     """Read a hazard preset: one of ``preset_names()``, or a TOML file, whose name it takes.
 
     docs/presets.md describes such a file.
     """
     if isinstance(name, str) and name in preset_names():
-        text = (_FOLDER / f"{name}.toml").read_text(encoding="utf-8")
-        return _preset(text, name, f"built-in preset {name}")
+        return _preset(preset_text(name), name, f"built-in preset {name}")
     path = Path(name)
     if path.suffix.lower() != ".toml" and not os.path.isfile(path):
         expected = f"{nearest(str(name), preset_names())}, or the path of a .toml file"
@@ -135,7 +139,10 @@ def _preset(text: str, name: str, file: str) -> HazardPreset:
         levels=levels,
         matrix=tuple(tuple(codes.index(code) for code in row["levels"]) for row in rows.values()),
         matrix_provenance=tuple(
-            tuple(source(key, where) for key in _sources_of(row, where, file))
+            tuple(
+                source(key, where)
+                for key in _sources_of(row, len(periods["limits_years"]) + 1, where, file)
+            )
             for where, row in rows.items()
         ),
         file=file,
@@ -162,10 +169,12 @@ def _rows_of(matrix: Mapping[str, Any], known: list[str], file: str) -> dict[str
     return {f"matrix.{code}": matrix[code] for code in known}
 
 
-def _sources_of(row: Mapping[str, Any], where: str, file: str) -> list[str]:
-    """Return the source of each level of a row."""
+def _sources_of(row: Mapping[str, Any], classes: int, where: str, file: str) -> list[str]:
+    """Return the source of each level of a row; a row with a hole is refused for that later."""
     given, levels = row["source"], len(row["levels"])
-    sources = [given] * levels if isinstance(given, str) else given
+    if isinstance(given, str) or levels != classes:
+        return [given if isinstance(given, str) else given[0]] * levels
+    sources: list[str] = given
     if len(sources) != levels:
         raise InputError(
             "does not have a source for each level", file=file, field=f"{where}.source",

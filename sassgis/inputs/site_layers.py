@@ -169,6 +169,12 @@ _NAMED_EMPTY = ("release", "edits")
 _RELEASE_LAYERS = ("release_areas", "release")
 
 
+def project_keys(file: Path) -> StartKeys:
+    """Return the name of the project: that of the folder of the configuration."""
+    name = file.resolve().parent.name
+    return [("project", {"name": name})] if name else []
+
+
 def start_keys(folder: Path, dem: Path | None, release: Path | None) -> StartKeys:
     """Return the keys that the files of a site decide.
 
@@ -202,7 +208,7 @@ def start_keys(folder: Path, dem: Path | None, release: Path | None) -> StartKey
         own_keys["layer"] = chosen
     table = _table(release, chosen)
     column = next((c for c in table.columns if str(c).lower() == "name"), None)
-    if column is not None and _names(table[column]):
+    if column is not None and are_names(table[column]):
         own_keys["name_field"] = str(column)
     return [*keys, ("release", own_keys)]
 
@@ -285,7 +291,7 @@ def _keys_of(own: SiteLayer, file: Path, place: str) -> dict[str, object]:
     for column, key in own.attributes.items():
         if column not in table.columns:
             continue
-        filled = _names(table[column]) if column == "name" else bool(_texts(table[column]))
+        filled = are_names(table[column]) if column == "name" else bool(_texts(table[column]))
         if filled or (own.fields[column].needed and column != "name"):
             keys[key] = column
     return keys
@@ -295,7 +301,7 @@ def _texts(column: Any) -> list[str]:
     return [text for text in (str(v).strip() for v in column.dropna()) if text]
 
 
-def _names(column: Any) -> bool:
+def are_names(column: Any) -> bool:
     """Return whether every feature has a separate name."""
     texts = _texts(column)
     return bool(texts) and len(set(texts)) == len(texts) == len(column)

@@ -18,6 +18,7 @@ from sassgis.files.atomic_output import staged_file, write_new, writing
 from sassgis.files.plain_file import seen_from
 from sassgis.inputs.config import FILE_KEYS, LISTS, SECTIONS, declared_sections, first_line
 from sassgis.outputs.manifest import plain
+from sassgis.settings.ground import CLASS_MEANINGS
 from sassgis.settings.map_run import Config
 from sassgis.settings.schema import Declared, InMemory, is_preset_file
 
@@ -41,6 +42,7 @@ _SHORT_HEAD = """\
 #: What every site must decide, and the value that stands there if no file says it. None: that of
 #: the template. What has no sensible value for all sites stands as a comment.
 _SHORT: Mapping[str, Mapping[str, object]] = {
+    "project": {"name": None},
     "terrain": {"dem": None},
     "release": {"file": None, "spacing_m": None, "rocks_per_point": 20},
     "ground": {"default": None},
@@ -95,8 +97,14 @@ def short_template(given: Given = ()) -> str:
         for key, text in lines.items():
             meaning = re.split(r"[;:] ", keys[name][key.removeprefix("# ")].description)[0]
             rows.append(f"{f'{key} = {text}':<{width}}  # {meaning}")
+            rows += _class_lines() if (name, key) == ("ground", "default") else []
         parts.append("\n".join(rows) + "\n")
     return "\n".join(parts)
+
+
+def _class_lines() -> list[str]:
+    """Return the built-in ground classes, a line for each."""
+    return [f"#   {name:<16} {meaning}" for name, meaning in CLASS_MEANINGS.items()]
 
 
 def _bracketed(section: str) -> str:

@@ -28,7 +28,7 @@ from sassgis.gap.observations.tables import (
     Column,
 )
 from sassgis.inputs.rockyfor3d import rasters_of, read_rockyfor3d
-from sassgis.inputs.site_layers import outline_of, site_layers, with_values
+from sassgis.inputs.site_layers import outline_of, project_keys, site_layers, with_values
 from sassgis.inputs.tiles import open_terrain
 from sassgis.outputs.config_template import short_template
 from sassgis.outputs.frames import write_table
@@ -147,7 +147,7 @@ def write_rockyfor3d_site(
         for note in made.notes
     )
     text = f"# From {folder.name}, inputs of Rockyfor3D.\n{comments}\n"
-    text += short_template(with_values(made.keys, assignments))
+    text += short_template(with_values([*project_keys(file), *made.keys], assignments))
     files = [file]
     with ExitStack() as staged:
         for name, layer in made.layers.items():

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -41,11 +41,14 @@ from sassgis.settings.ground import TRUST_TEXT, GroundTable
 from sassgis.settings.map_run import Config, MapRun, ReleaseArea
 from sassgis.settings.results import ControlLine
 from sassgis.settings.schema import Input
-from sassgis.simulation.estimate import RunEstimate, estimate_of, require_profile
+from sassgis.simulation.estimate import RunEstimate, estimate_of, for_zones, require_profile
 from sassgis.simulation.loop import check_starts, on_known_ground
 from sassgis.simulation.path_sample import ProfileInput
 from sassgis.terrain.edge import ANGLE_DEG, beyond_edge
 from sassgis.terrain.prepare import placed_points, plan
+
+#: Release areas, and stations and barriers, that are listed unless all are asked for.
+_SHOWN = 8
 
 
 @dataclass(frozen=True, slots=True)
@@ -90,8 +93,8 @@ class InputReport:
             "missing": {o.task: [*o.missing, *filter(None, [o.problem])] for o in self.ready},
         }
 
-    def lines(self) -> list[str]:
-        """Return the report for people, line by line."""
+    def lines(self, every: bool = False) -> list[str]:
+        """Return the report for people, line by line; ``every``: all areas, sources of ground."""
         out = [f"configuration  {self.config or 'made by a program'}"]
         if (d := self.dem) is not None:
             out += [
@@ -110,28 +113,42 @@ class InputReport:
             ]
         extent = "profile" if self.dem is None else "cells"
         units = {"polygon": " m2", "line": " m", "point": " point(s)"}
-        out += [
+        areas = [
             f"release area   {a['name']}: {a['size']:.0f}{units[a['kind']]}, {a['points']} release "
             f"points, blocks {', '.join(a['scenarios'])}"
             for a in self.areas
         ]
+        out += areas if every else _some(areas)
         if self.areas:
-            out.append(f"               {self.points} release points in all")
+            out.append(
+                f"               {self.points} release points in all, {len(self.areas)} area(s)"
+            )
         out.append(f"blocks         {', '.join(self.blocks)}")
         for c in self.classes:
             text = f"on {100.0 * c['share']:.1f} % of the {extent}: {TRUST_TEXT[c['trust']]}"
-            out += [f"ground         {c['name']}, {text}", f"               {c['source']}"]
+            out.append(f"ground         {c['name']}, {text}")
+            out += [f"               {c['source']}"] if every else []
+        built = []
         for control_line in self.control_lines:
             text = f"{control_line.kind:<15}{control_line.name}"
             if control_line.kind != "station":
                 capacity = control_line.capacity_kj
                 limit = "no limit" if math.isinf(capacity) else f"{capacity:g} kJ"
                 text += f": {control_line.height_m:g} m high, {limit}"
-            out.append(text)
+            built.append(text)
+        out += built if every else _some(built)
         out += [f"notice         {text}" for text in self.notices]
         out += [f"WARNING        {text}" for text in self.warnings]
         out += [] if self.estimate is None else self.estimate.lines()
         return [*out, *self.zoning, *(own.line for own in self.ready)]
+
+
+def _some(lines: list[str]) -> list[str]:
+    """Return the first lines, and how many more there are."""
+    left = len(lines) - _SHOWN
+    if left <= 1:
+        return lines
+    return [*lines[:_SHOWN], f"               and {left} more: sassgis validate --all"]
 
 
 def check_inputs(config: Config) -> InputReport:
@@ -212,17 +229,14 @@ def _checked(
     check_starts(run, points, lambda: plan(run), config.release.file)
     counts = np.bincount(points.area, minlength=len(run.areas))
     areas = tuple(_area_summary(a, int(n)) for a, n in zip(run.areas, counts, strict=True))
-    more = 1 + config.run.ground_uncertainty
-    if zones:
-        more += compares_barriers(config, run)
+    repeats = 1 + config.run.ground_uncertainty
     cores = workers_asked(config, None)
     assert isinstance(cores, int)
-    estimate = estimate_of(run, cores, len(points), more)
-    budget = config.hazard.budget
-    if zones and budget is not None:
+    estimate = estimate_of(run, cores, len(points), repeats)
+    if zones:
         check_budget(config, run, estimate.blocks)
-        most = math.ceil(more * budget.blocks / max(estimate.blocks, 1))
-        estimate = replace(estimate, more=most)
+        repeats += compares_barriers(config, run)
+        estimate = for_zones(estimate, repeats, config.hazard.budget)
     starts = np.bincount(points.area[on_known_ground(run, points)], minlength=len(run.areas))
     said = [
         *release_warnings(run, points),

@@ -2,23 +2,29 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
+from affine import Affine
 from scipy import ndimage
 
+from sassgis.errors import InputError
 from sassgis.files.atomic_output import staged_file
 from sassgis.grid import BoolArray, FloatArray, Grid
 from sassgis.inputs.dem import few_values
 from sassgis.inputs.dem_raw import RawDem, read_raw_dem
 from sassgis.inputs.dem_system import in_options
+from sassgis.outputs.geopackage import write_geopackage
+from sassgis.outputs.layers.run_vectors import defective_cells
 from sassgis.report.page import ReportContext, ReportTable, write_report
 from sassgis.runs.inputs import collected_notices
 from sassgis.settings.crs import crs_name
 from sassgis.terrain.dem_defects import (
     TRACES_ADVICE,
+    NodataTraces,
     bumps_m,
     contour_interval,
     depression_depth,
@@ -27,8 +33,8 @@ from sassgis.terrain.dem_defects import (
     inner_holes,
     nodata_traces,
 )
-from sassgis.terrain.edge import ANGLE_DEG, beyond_edge
-from sassgis.terrain.slope_units import WALL_SHARE, slopes_deg, wall_share
+from sassgis.terrain.edge import ANGLE_DEG, BeyondEdge, beyond_edge
+from sassgis.terrain.slope_units import WALL_DEG, WALL_SHARE, slopes_deg, wall_share
 
 Verdict = Literal["good", "look", "bad"]
 
@@ -69,6 +75,10 @@ class DemReport:
 
     file: Path
     findings: tuple[DemFinding, ...]
+    #: By item, of the shape of the model: how much is wrong with a cell; 0: nothing.
+    cells: Mapping[str, FloatArray]
+    transform: Affine  # from columns and rows to coordinates
+    crs: str  # well-known text; empty if not known
 
     @property
     def verdict(self) -> Verdict:
@@ -94,6 +104,11 @@ class DemReport:
             out += [f"{'':<25}{f.advice}"] if f.advice else []
         return out
 
+    def suggestion(self) -> str:
+        """Return how to see the cells on a map; empty if there are none."""
+        where = ", ".join(self.cells)
+        return where and f"In QGIS ({where}): sassgis dem check {self.file} -o dem_check.gpkg"
+
     def as_dict(self) -> dict[str, Any]:
         """Return the page for programs."""
         return {
@@ -112,20 +127,43 @@ def check_dem(path: Path, crs: str | None = None, override_crs: bool = False) ->
     with collected_notices() as notices:
         dem = read_raw_dem(path, crs, override_crs)
     slopes = slopes_deg(dem.values, dem.dx_m, dem.dy_m)
-    bumps = bumps_m(dem.values)
+    bumps, depth = bumps_m(dem.values), depression_depth(dem.values)
+    traces = nodata_traces(dem.values, max(dem.dx_m, dem.dy_m))
+    beyond = _beyond(dem, slopes)
     found = {
         "coordinate system": _system(dem, notices),
         "units": _units(dem),
-        "nodata": _nodata(dem),
+        "nodata": _nodata(dem, traces),
         "resolution": _resolution(dem),
         "steepness": _steepness(slopes),
         "terraces": _terraces(dem),
         "spikes": _bumps(dem, bumps, "stand out"),
         "pits": _bumps(dem, -bumps, "lie low"),
-        "depressions": _depressions(dem),
-        "extent": _extent(dem, slopes),
+        "depressions": _depressions(dem, depth),
+        "extent": _extent(dem, beyond),
     }
-    return DemReport(path, tuple(DemFinding(item, *own) for item, own in found.items()))
+    findings = tuple(DemFinding(item, *own) for item, own in found.items())
+    least = _least_bump_m(dem)
+    cells = {
+        "nodata": (inner_holes(dem.values) | traces.cells).astype(float),
+        "steepness": np.where(np.nan_to_num(slopes) > WALL_DEG, slopes, 0.0),
+        "spikes": np.where(bumps >= least, bumps, 0.0),
+        "pits": np.where(-bumps >= least, -bumps, 0.0),
+        "depressions": np.where(depth >= _DEPRESSION_M, depth, 0.0),
+        "extent": _edge_cells(dem, beyond),
+    }
+    shown = {f.item for f in findings if f.verdict != "good"}
+    wrong = {item: own for item, own in cells.items() if item in shown and own.any()}
+    return DemReport(path, findings, wrong, dem.transform, dem.crs)
+
+
+def write_dem_cells(file: Path, report: DemReport, overwrite: bool = False) -> None:
+    """Write the cells that deserve a look as a layer of a GeoPackage."""
+    if file.suffix.lower() != ".gpkg":
+        raise InputError("is no GeoPackage", file=file, expected="a name ending in .gpkg")
+    with staged_file(file, overwrite) as work:
+        layer = defective_cells(report.cells, report.transform, report.crs)
+        write_geopackage(work, [layer], {"terrain": report.file.name})
 
 
 def write_dem_page(file: Path, report: DemReport, overwrite: bool = False) -> None:
@@ -153,7 +191,7 @@ def _system(dem: RawDem, notices: list[str]) -> _Found:
     fault = dem.system_fault
     if fault is not None:
         found = fault.problem if fault.found is None else f"{fault.problem}: {fault.found}"
-        return "bad", found, in_options(fault.expected or ""), {}
+        return "bad", found, f"expected {in_options(fault.expected or '')}", {}
     own = [n.partition(": ")[2] for n in notices if not (dem.gaps and n.endswith(dem.gaps))]
     return "look" if own else "good", crs_name(dem.crs), "; ".join(own), {}
 
@@ -177,12 +215,11 @@ def _units(dem: RawDem) -> _Found:
     return "good", found, advice, numbers
 
 
-def _nodata(dem: RawDem) -> _Found:
+def _nodata(dem: RawDem, traces: NodataTraces) -> _Found:
     known = np.isfinite(dem.values)
     wrong = dem.not_heights
     holes = int(inner_holes(dem.values).sum()) - wrong
     missing = 1.0 - float(known.mean())
-    traces = nodata_traces(dem.values, max(dem.dx_m, dem.dy_m))
     numbers = {
         "nodata_share": missing, "declared": dem.nodata,
         "not_declared_cells": wrong, "inner_cells": max(holes, 0),
@@ -274,9 +311,13 @@ def _terraces(dem: RawDem) -> _Found:
     return verdict, "; ".join(parts) or "none", "" if verdict == "good" else advice, numbers
 
 
+def _least_bump_m(dem: RawDem) -> float:
+    return max(_BUMP_M, min(dem.dx_m, dem.dy_m))
+
+
 def _bumps(dem: RawDem, out: FloatArray, word: str) -> _Found:
     """Return single cells that differ from all around them by so much, upwards."""
-    least = max(_BUMP_M, min(dem.dx_m, dem.dy_m))
+    least = _least_bump_m(dem)
     count, top = int((out >= least).sum()), float(out.max())
     numbers: dict[str, Any] = {"cells": count, "limit_m": least, "largest_m": top}
     if not count:
@@ -298,8 +339,7 @@ def _place_of_largest(dem: RawDem, values: FloatArray | BoolArray) -> tuple[floa
     return dem.place(int(row), int(col))
 
 
-def _depressions(dem: RawDem) -> _Found:
-    depth = depression_depth(dem.values)
+def _depressions(dem: RawDem, depth: FloatArray) -> _Found:
     labels, count = ndimage.label(depth > 0.0, np.ones((3, 3)))
     deepest = np.asarray(ndimage.maximum(depth, labels, np.arange(1, count + 1)), float)
     deep = int((deepest >= _DEPRESSION_M).sum())
@@ -323,13 +363,31 @@ def _depressions(dem: RawDem) -> _Found:
     return "look", found, advice, numbers
 
 
-def _extent(dem: RawDem, slopes: FloatArray) -> _Found:
+def _beyond(dem: RawDem, slopes: FloatArray) -> list[BeyondEdge]:
+    """Return where energy lines from steep ground go on far beyond the edge."""
+    steep = np.flatnonzero(np.nan_to_num(slopes.ravel()) > _CLIFF_DEG)
+    if not steep.size or not dem.square or dem.unit_fault:
+        return []
+    grid = _plain_grid(dem)
+    found = beyond_edge(grid, *grid.cell_centres(steep))
+    return [own for own in found if own.distance_m > _BEYOND_M]
+
+
+def _plain_grid(dem: RawDem) -> Grid:
+    return Grid(dem.values, 0.0, 0.0, dem.dx_m)
+
+
+def _edge_cells(dem: RawDem, beyond: list[BeyondEdge]) -> FloatArray:
+    """Return how far beyond the model energy lines end, at the cells where they leave (m)."""
+    out = np.zeros(dem.values.shape)
+    for own in beyond:
+        out.flat[_plain_grid(dem).cell_of(np.array([own.x]), np.array([own.y]))] = own.distance_m
+    return out
+
+
+def _extent(dem: RawDem, far: list[BeyondEdge]) -> _Found:
     if not dem.square or dem.unit_fault:
         return "good", "not looked at: no square cells in metres", "", {}
-    grid = Grid(dem.values, 0.0, 0.0, dem.dx_m)
-    steep = np.flatnonzero(np.nan_to_num(slopes.ravel()) > _CLIFF_DEG)
-    found = beyond_edge(grid, *grid.cell_centres(steep)) if steep.size else []
-    far = [own for own in found if own.distance_m > _BEYOND_M]
     what = f"energy line of {ANGLE_DEG:g}° from ground above {_CLIFF_DEG:g}°"
     numbers = {"angle_deg": ANGLE_DEG, "beyond_m": {own.side: own.distance_m for own in far}}
     if not far:

@@ -20,6 +20,16 @@ TRUST_TEXT: Mapping[Trust, str] = {
     "fitted": "fitted to field sites",
     "estimate": "estimate",
 }
+#: What the built-in classes are, from the hardest to the softest.
+CLASS_MEANINGS: Mapping[str, str] = {
+    "asphalt": "paved road",
+    "rock": "bare rock",
+    "talus": "coarse blocks below a cliff",
+    "debris": "scree and small fragments, gullies",
+    "overgrown_slope": "soil with grass and shrubs",
+    "forest_soil": "soil under trees (trees themselves: effects.trees)",
+    "soft_meadow": "alpine meadow on deep soil",
+}
 #: Between which each number among the attributes of GroundClass must lie.
 LIMITS = {
     "eta_max": (0.0, 1.0),

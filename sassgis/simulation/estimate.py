@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
 from sassgis.engine.simulate_paths import room_at_first
 from sassgis.grid import FloatArray
+from sassgis.settings.hazard_rules import BlockBudget
 from sassgis.settings.map_run import Config, MapRun
 from sassgis.settings.process import memory_bytes, require_memory
 from sassgis.settings.results import ROCK_DTYPE, short
@@ -26,6 +27,9 @@ BASE, _PER_CELL, _PER_POINT = 900 << 20, 100, 1500
 _ROWS, _PER_STOP = 3, 1000
 #: Blocks simulated in a second on one core, on followed paths and on fall lines.
 RATES = {True: 8500, False: 21_000}
+#: Those of zones, which count the blocks of a window around each cell, and seconds for zones, maps
+#: and figures, in all and of a cell: the sample valley.
+_ZONE_RATE, _DRAWING_S, _DRAWING_PER_CELL_S = 1400, 5.0, 1e-4
 #: Bytes of a cell in a band of a map.
 _IN_MAP = 4
 
@@ -45,6 +49,8 @@ class RunEstimate:
     seconds: float  # for blocks as on the slope of docs/studies/speed.md
     map_bytes: int  # of the maps of the blocks, not compressed
     more: int  # how many times as many blocks a zoning may take
+    # Least and most seconds of `zone`, with the drawing; None where it is not complete for one.
+    zone_seconds: tuple[float, float] | None = None
 
     def as_dict(self) -> dict[str, Any]:
         """Return the estimate for programs."""
@@ -59,6 +65,7 @@ class RunEstimate:
             "seconds": self.seconds,
             "map_bytes": self.map_bytes,
             "times_as_many_blocks_for_zones": self.more,
+            "seconds_of_zone": self.zone_seconds,
         }
 
     def lines(self) -> list[str]:
@@ -71,12 +78,19 @@ class RunEstimate:
             f"{self.cells} cells",
             f"               memory {short(sum(self.need.values()) / 1e9)} GB and "
             f"{self.per_reached / 1e3:.1f} kB for each cell that blocks come to{room}",
-            f"               time {_spoken(self.seconds)} on {self.cores} core(s), if blocks take "
-            "as long as on the slope of docs/studies/speed.md; on long slopes, with effects and on "
-            "slower machines several times that",
+            f"               time of run {_spoken(self.seconds)}{self._time_of_zone()}, on "
+            f"{self.cores} core(s); on long slopes, with effects and on slower machines several "
+            "times that",
             f"               maps {short(self.map_bytes / 1e6)} MB before they are compressed; a "
             f"table of blocks {self.blocks} rows",
         ]
+
+    def _time_of_zone(self) -> str:
+        if self.zone_seconds is None:
+            return ""
+        least, most = map(_spoken, self.zone_seconds)
+        span = f"{least} to {most}, by the blocks that the levels need"
+        return f"; of zone {least if least == most else span}, drawing included"
 
 
 def _spoken(seconds: float) -> str:
@@ -121,6 +135,18 @@ def estimate_of(run: MapRun, jobs: int, points: int | None = None, more: int = 1
         cores=jobs, seconds=blocks / (RATES[run.followed] * jobs),
         map_bytes=bands * cells * _IN_MAP, more=more,
     )  # fmt: skip
+
+
+def for_zones(estimate: RunEstimate, repeats: int, budget: BlockBudget | None) -> RunEstimate:
+    """Return the estimate of a zoning that simulates so many times, within a budget of blocks."""
+    pace = _ZONE_RATE * estimate.cores
+    least = most = repeats * estimate.blocks / pace
+    more = repeats
+    if budget is not None:
+        most = max(least, min(budget.seconds, repeats * budget.blocks / pace))
+        more = math.ceil(repeats * budget.blocks / max(estimate.blocks, 1))
+    drawing = _DRAWING_S + estimate.cells * _DRAWING_PER_CELL_S
+    return replace(estimate, more=more, zone_seconds=(least + drawing, most + drawing))
 
 
 def _windows_bytes(run: MapRun) -> int:

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import json
+import re
 import tomllib
+from inspect import isfunction, signature
 from pathlib import Path
 from typing import Any
 
@@ -17,11 +19,14 @@ import shapely
 import xarray as xr
 from affine import Affine
 from helpers.zone_slope import CELL, NORTH, RARE, WEST, Case, box, plane, two_areas
+from matplotlib.colors import to_hex
+from matplotlib.figure import Figure
 
 import sassgis
 from sassgis.inputs.config import PHYSICS_SECTIONS, settings_hash
 from sassgis.inputs.dem import read_dem
 from sassgis.inputs.in_memory import as_input
+from sassgis.inputs.presets import read_preset
 from sassgis.runs.inputs import input_files
 
 BLOCK = {"volume_m3": (0.5, 2.0), "onset_frequency": 0.3}
@@ -208,21 +213,31 @@ BAD = {
     "scales by band": (
         {"dem": xr.DataArray(np.zeros((9, 9)), dims=("y", "x"), attrs={"scales": (1.0, 2.0)},
                              coords={"y": -np.arange(9.0), "x": np.arange(9.0)})},
-        "terrain.dem: has scales that differ by band .*mask_and_scale=True",
+        "dem: has scales that differ by band .*mask_and_scale=True",
     ),
     "scale in words": (
         {"dem": xr.DataArray(np.zeros((9, 9)), dims=("y", "x"), attrs={"scale_factor": "half"},
                              coords={"y": -np.arange(9.0), "x": np.arange(9.0)})},
-        "terrain.dem: has a scale_factor or add_offset that is no number .*half",
+        "dem: has a scale_factor or add_offset that is no number .*half",
     ),
     "no transform": (
         {"dem": (plane(), (2.0, 0.0, WEST), "EPSG:2056")},
-        r"terrain.dem: has no affine transform \(found \(2.0, 0.0, .*expected Affine\(cell, ",
+        r"dem: has no affine transform \(found \(2.0, 0.0, .*expected Affine\(cell, ",
     ),
-    "no system": ({"dem": (plane(), PLACE, None)}, "has no coordinate system"),
-    "a number": ({"dem": 7}, r"terrain.dem: cannot be used \(found int"),
+    "no system": (
+        {"dem": (plane(), PLACE, None)},
+        r"^dem \(in memory\): crs: has no coordinate system .*its system as crs, such as",
+    ),
+    "another system": (
+        {"crs": "EPSG:21781"},
+        r"of the file and of crs differ .*21781 as crs; .*terrain=\{\"override_crs\": True\}",
+    ),
+    "no areas": ({"release": None}, r"^release: missing "),
+    "unknown rules": ({"rules": "xx", "ref_width_m": 4.0}, r"^rules: is not a known hazard preset"),
+    "seed below 0": ({"seed": -1}, r"^seed: is out of range"),
+    "a number": ({"dem": 7}, r"dem: cannot be used \(found int"),
     "a table of areas": (
-        {"release": pd.DataFrame({"x": [1.0]})}, r"release.file .*cannot be used here .*a table"
+        {"release": pd.DataFrame({"x": [1.0]})}, r"release .*cannot be used here .*a table"
     ),
     "a name of half a character": (
         {"release": {
@@ -236,13 +251,56 @@ BAD = {
     "unknown class": ({"ground": "butter"}, "found 'butter'; expected one of"),
     "unknown key": ({"run": {"sed": 1}}, "run.sed: unknown key .*'seed'"),
     "unknown key of a block": ({"blocks": {"volume": 1.0}}, "unknown key .*volume_m3"),
-    "blocks as a number": ({"blocks": 2}, r"blocks: cannot be used \(found 2; expected sections"),
+    "blocks as a number": ({"blocks": 2}, r"blocks: cannot be used \(found 2; expected a mapping"),
     "jobs": ({"jobs": -1}, r"jobs: cannot be used \(found -1; expected a number of processor"),
     "jobs in words": ({"jobs": "2"}, r"jobs: cannot be used \(found '2'"),
-    "no blocks": ({"blocks": None}, r"at least one \[\[blocks\]\]"),
+    "no blocks": ({"blocks": None}, r"blocks: missing .*at least one mapping, as"),
     "reversed": ({"blocks": {"volume_m3": (2.0, 1.0)}}, "limits are reversed"),
     "width": ({"ref_width_m": 1.0}, "is narrower than a cell"),
 }  # fmt: skip
+
+
+def test_areas_have_the_names_of_their_column() -> None:
+    areas = gpd.GeoDataFrame(
+        {"name": ["north", "south"], "code": ["a", "b"]},
+        geometry=[box(4, 5, 6, 8), box(14, 5, 6, 8)], crs="EPSG:2056",
+    )  # fmt: skip
+    dem = (plane(), PLACE, "EPSG:2056")
+    for release, names in (
+        (areas, ["north", "south"]),
+        ({"file": areas, "name_field": "code"}, ["a", "b"]),
+        # Names that do not tell areas apart name none.
+        (areas.assign(name="north"), ["area 1", "area 2"]),
+    ):
+        ds = sassgis.simulate(
+            dem, release, blocks=BLOCK, ground="talus", ref_width_m=4.0, jobs=1,
+            run={"seed": 3}, output={"stop_points_max": 0},
+        )  # fmt: skip
+        assert ds["area"].values.tolist() == names
+
+
+def test_a_dataset_draws_its_zones_in_the_colours_of_the_preset(maps: xr.Dataset) -> None:
+    zones, preset = sassgis.zones(maps), read_preset("ch-so")
+    axes = maps.sassgis.plot_zones(ax=Figure().subplots())
+    drawn = {own.get_label(): own for own in axes.collections}
+    assert set(drawn) == set(zones["hazard_level"]) and len(drawn) > 1
+    for level in preset.levels:
+        if level.code in drawn:
+            own = drawn[level.code]
+            colour = own.get_edgecolor() if level.hatched else own.get_facecolor()
+            assert to_hex(colour[0]) == level.colour and bool(own.get_hatch()) == level.hatched
+    texts = [text.get_text() for text in axes.get_legend().get_texts()]
+    # The highest level first.
+    order = [c.label for c in reversed(preset.levels)]
+    assert texts == [label for label in order if label in texts] and len(texts) == len(drawn)
+
+
+def test_no_parameter_of_a_public_function_takes_just_anything() -> None:
+    functions = [own for own in map(sassgis.__getattr__, sassgis.__all__[1:]) if isfunction(own)]
+    assert len(functions) > 12
+    for own in functions:
+        for parameter in signature(own).parameters.values():
+            assert not re.search(r"\bAny\b", str(parameter.annotation)), (own.__name__, parameter)
 
 
 def test_heights_stored_with_a_factor_are_those_of_the_file(tmp_path: Path) -> None:
@@ -308,6 +366,11 @@ def test_settings_made_by_a_program_are_checked() -> None:
             sassgis.BlockSettings(name="b", **wrong)
     with pytest.raises(sassgis.ConfigError, match="expected a whole number"):
         sassgis.RunSettings(seed=1.5)  # type: ignore[arg-type]
+
+
+def test_a_confidence_is_between_0_and_1(maps: xr.Dataset) -> None:
+    with pytest.raises(sassgis.InputError, match=r"confidence: is out of range \(found 3"):
+        sassgis.zones(maps, confidence=3)
 
 
 def test_zones_say_what_the_dataset_lacks(maps: xr.Dataset, tmp_path: Path) -> None:

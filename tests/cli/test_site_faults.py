@@ -20,7 +20,7 @@ def test_commands_without_a_configuration_ask_for_their_option(
     words = [w.format(dem=slope.folder / "dem.tif") for w in command]
     words.append(str(slope.folder / "new.gpkg"))
     err = refusal(*words)
-    assert "expected it as --crs" in err and "configuration" not in err
+    assert "expected its system as --crs" in err and "configuration" not in err
     assert not (slope.folder / "new.gpkg").exists()
     assert "coordinate system" not in call(*words, "--crs", "EPSG:2056")[2]
 

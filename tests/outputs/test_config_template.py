@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 
 from sassgis.inputs.config import declared_sections, load_config, resolved
+from sassgis.inputs.ground_map import built_in_table
 from sassgis.outputs.config_template import config_template, short_template
 
 GIVEN = [
@@ -27,7 +28,7 @@ def loaded(folder: Path, text: str) -> dict[str, object]:
 
 def test_the_short_one_has_few_keys_and_loads(tmp_path: Path) -> None:
     text = short_template()
-    assert len(re.findall(r"^(?:# )?\w+ = ", text, re.M)) == 11
+    assert len(re.findall(r"^(?:# )?\w+ = ", text, re.M)) == 12
     plain = loaded(tmp_path, text)
     assert plain["terrain"]["dem"] == str(tmp_path / "dem.tif")  # type: ignore[index]
     # How often blocks are released is never made up.
@@ -58,3 +59,8 @@ def test_every_key_says_what_it_is_in_more_than_a_word_or_two() -> None:
         for key, own in keys.items():
             words = own.description.split()
             assert len(words) >= 3, f"{section}.{key}: {own.description}"
+
+
+def test_the_short_one_has_a_line_for_each_ground_class() -> None:
+    lines = re.findall(r"^#   (\w+) +\S", short_template(), re.M)
+    assert sorted(lines) == sorted(built_in_table().names)

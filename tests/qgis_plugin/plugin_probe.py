@@ -157,15 +157,23 @@ def states(dock):
 
 def steps(window, task):
     """Go through the steps of the panel as a user does."""
-    from qgis.PyQt.QtCore import QEventLoop, QTimer
-    from qgis.PyQt.QtWidgets import QTableWidgetItem
+    from qgis.PyQt.QtCore import QEventLoop, Qt, QTimer
+    from qgis.PyQt.QtWidgets import QTableWidgetItem, QTextEdit
 
     project = core.QgsProject.instance()
     project.clear()
     dock = window.dock
     dock.setVisible(True)
     dock.refresh()
-    seen = {"begin": states(dock)}
+    seen = {"begin": {**states(dock), "auto": dock.auto.isChecked(), "blocks": dock.count.value()}}
+    window.main.resize(900, 600)
+    window.main.setCentralWidget(QTextEdit())
+    window.main.show()
+    window.main.resizeDocks([dock], [50], Qt.Orientation.Horizontal)
+    core.QgsApplication.processEvents()
+    area = dock.widget()
+    seen["hidden"] = area.widget().width() - area.viewport().width()
+    dock.auto.setChecked(False)
     dem = core.QgsRasterLayer(task["dem"], "terrain")
     layers = {name: core.QgsVectorLayer(file, name, "ogr") for name, file in task["layers"].items()}
     project.addMapLayers([dem, *layers.values()])
@@ -197,7 +205,6 @@ def steps(window, task):
     seen["run ended"] = wait(dock.run_button.click)
     seen["after run"] = {**states(dock), "line": dock.line.text()}
     dock.table.setItem(1, 3, QTableWidgetItem("0.05"))
-    dock.width_m.setValue(10.0)
     dock.further["ROADS"].setLayer(layers["nets"])
     seen["exposed"] = states(dock)
     dock.further["ROADS"].setLayer(None)

@@ -21,7 +21,7 @@ import numpy as np
 import pytest
 import shapely
 from helpers.small_slope import NORTH, WEST, Slope
-from make_zip import PLUGIN, REQUIRED, make_zip, problems_of
+from make_zip import PLUGIN, REQUIRED, main, make_zip, problems_of
 from sassgis_plugin.steps import Scenario, Site, next_step, steps_of, verdict
 
 import sassgis
@@ -165,7 +165,7 @@ def seen(ask: Ask, valley: Path, slope: Slope, layers: dict[str, str]) -> dict[s
         "FOREST": f"@{layers['forest']}", "EDITS": f"@{layers['edits']}",
     }  # fmt: skip
     choices = {"GROUND": "talus", "SCENARIOS": SCENARIOS, "SPACING": 6, "BLOCKS": 5}
-    zoned = {**plain, **more, **choices, "REF_WIDTH": 10}
+    zoned = {**plain, **more, **choices, "AUTO": False}
     half, line = [*SCENARIOS[:7], ""], {"CONFIG": slope.config, "BLOCKS": 9}
     calls = {
         "run": calling("run", out / "run", CONFIG=valley, SEED=12345678),
@@ -175,13 +175,12 @@ def seen(ask: Ask, valley: Path, slope: Slope, layers: dict[str, str]) -> dict[s
         "wrong key": calling("run", out / "x", CONFIG=wrong),
         "nothing": calling("run", out / "x"),
         "both": calling("run", out / "x", CONFIG=valley, **plain),
-        "no width": calling("zone", out / "x", **plain, SCENARIOS=SCENARIOS),
-        "no frequency": calling("zone", out / "x", **plain, SCENARIOS=half, REF_WIDTH=10),
+        "no frequency": calling("zone", out / "x", **plain, SCENARIOS=half),
         "wrong row": calling("run", out / "x", **plain, SCENARIOS=["a", 2, 1, ""]),
         "no kind": calling("run", out / "x", **plain, BARRIERS=f"@{layers['bare']}"),
         "no vulnerability": calling("run", out / "x", **plain, ROADS=f"@{layers['bare']}"),
-        "written": calling("configuration", out / "later", **zoned, AUTO=True),
-        "again": calling("configuration", out / "later", **zoned, AUTO=True),
+        "written": calling("configuration", out / "later", **plain, SCENARIOS=SCENARIOS),
+        "again": calling("configuration", out / "later", **plain, SCENARIOS=SCENARIOS),
         "other choices": calling("zone", out / "zone", **{**zoned, "SPACING": 7}),
     }
     report = ask(*calls.values())
@@ -193,7 +192,10 @@ def others(ask: Ask, seen: dict[str, Any], valley: Path, slope: Slope) -> dict[s
     """The other tools, at the results of the first."""
     out = slope.folder
     calls = {
-        "check": {"algorithm": "sassgis:dem_check", "parameters": {"DEM": str(out / "dem.tif")}},
+        "check": {
+            "algorithm": "sassgis:dem_check",
+            "parameters": {"DEM": str(out / "dem.tif"), "CELLS": str(out / "cells.gpkg")},
+        },
         "new": calling("new_site", out / "site.gpkg", DEM=str(out / "dem.tif")),
         "cliffs": calling("cliffs", out / "cliffs.gpkg", DEM=str(out / "dem.tif"), THRESHOLD=35),
         "validate": {"algorithm": "sassgis:validate", "parameters": {"CONFIG": str(valley)}},
@@ -219,6 +221,17 @@ def test_the_zip_has_what_a_plugin_must_have(tmp_path: Path) -> None:
     general = metadata["general"]
     assert general["version"] == sassgis.__version__
     assert general["hasProcessingProvider"] == "yes" and general["icon"] in files
+
+
+def test_one_command_makes_the_zip_of_this_version(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(sys, "argv", ["make_zip.py"])
+    main()
+    file = tmp_path / "dist" / f"sassgis_plugin-{sassgis.__version__}.zip"
+    assert f"wrote {file.relative_to(tmp_path)}" in capsys.readouterr().out
+    assert problems_of(file) == [f"metadata: no {key}" for key in REQUIRED[-3:]]
 
 
 def test_a_zip_that_the_index_would_refuse_is_named(tmp_path: Path) -> None:
@@ -381,7 +394,9 @@ def test_zones_from_layers_come_from_a_configuration_that_is_kept(
     assert (made.release.spacing_m, made.release.rocks_per_point) == (6.0, 5)
     assert (made.project.name, made.project.language) == ("zone", "en")
     later = load_config(seen["calls"]["written"]["results"]["USED_CONFIG"])
+    # Unless it is switched off: as many as the map needs, with few at first.
     assert (made.hazard.blocks, later.hazard.blocks) == ("given", "auto")
+    assert (later.release.rocks_per_point, later.hazard.ref_width_m) == (20, 10.0)
     edits = gpd.read_file(slope.folder / "zone" / "edits.gpkg", layer="edits")
     assert list(edits["reason"]) == ["rock cleared"]
     # A value under another name must not be a silent zero.
@@ -418,7 +433,6 @@ def test_what_is_wrong_is_one_line(seen: dict[str, Any], slope: Slope) -> None:
         ("wrong key", "wrong.toml: release.spacing: unknown key"),
         ("nothing", "Give either a configuration, or"),
         ("both", "Give either a configuration, or"),
-        ("no width", "Reference width of all frequencies (m): zones from layers need it"),
         ("no frequency", "large: zones from layers need its onset frequency"),
         ("wrong row", "Block scenarios: a: the least volume is above 0"),
         ("no kind", "bare: no attribute kind and height_m (there are fid, note; expected name"),
@@ -438,6 +452,7 @@ def test_the_other_tools_do_their_work(others: dict[str, Any], slope: Slope) -> 
     for name, call in calls.items():
         assert call["error"] is None, (name, call["error"])
     assert "coordinate system  CH1903+ / LV95" in calls["check"]["results"]["ANSWER"]
+    assert [layer["name"] for layer in leaves(calls["check"]["tree"])] == ["dem_defects"]
     assert "ready for      run" in calls["validate"]["results"]["ANSWER"]
     drawn = {layer["name"] for layer in leaves(calls["new"]["tree"])}
     assert {"release_areas", "barriers", "ground"} <= drawn
@@ -457,6 +472,9 @@ def test_the_panel_leads_from_terrain_to_sheets(
     seen = ask(steps=task)["steps"]
     assert seen["begin"]["next"] == "<b>Next: terrain (a terrain model).</b>"
     assert not seen["begin"]["run"] and not seen["begin"]["zone"]
+    assert (seen["begin"]["auto"], seen["begin"]["blocks"]) == (True, 20)
+    # However narrow the panel is made, nothing is cut off at its right.
+    assert seen["hidden"] == 0
     assert seen["terrain"]["next"] == "<b>Next: release areas (a layer of release areas).</b>"
     assert "volumes are numbers" in seen["wrong row"]["status"]["blocks"]
     assert seen["ready"]["run"] and not seen["ready"]["zone"]
@@ -468,7 +486,8 @@ def test_the_panel_leads_from_terrain_to_sheets(
     manifest = json.loads((tmp_path / "result" / "manifest.json").read_text())
     share = manifest["settings"]["zoning"]["changed_share"]
     assert after["bar"] == round(1000 * share) and f"{100 * share:.1f} %" in after["share"]
-    assert f"on {100 * share:.1f} %" in after["status"]["zones"] and "zones." in after["line"]
+    assert f"{100 * share:.1f} % of the zoned area" in after["status"]["zones"]
+    assert "zones." in after["line"]
     # Five blocks a point are too few.
     assert after["next"] == (
         "<b>Next: more blocks per release point, or as many as the map needs; then zones again.</b>"

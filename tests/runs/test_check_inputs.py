@@ -103,3 +103,36 @@ def test_profile_runs_are_checked_without_a_map(tmp_path):
     assert "3 vertices, chainage 0 to 20 m, heights 94.0 to 100.0 m" in text
     assert "debris, on 75.0 % of the profile: estimate" in text
     assert "blocks         large" in text
+
+
+def test_of_many_areas_some_are_listed_and_the_verdict_is_last(config, make_layer, printed):
+    names = [f"area {k}" for k in range(20)]
+    make_layer([at(10 + 5 * k, 20, 14 + 5 * k, 60) for k in range(20)], title=names)
+    short, full = printed("validate", config), printed("validate", config, "--all")
+    assert sum(line.startswith("release area") for line in full.splitlines()) == 20
+    listed = [line for line in short.splitlines() if line.startswith("release area")]
+    assert len(listed) == 8 and "and 12 more: sassgis validate --all" in short
+    assert "release points in all, 20 area(s)" in short
+    assert short.splitlines()[-1].startswith("not ready for  risk")
+
+
+def test_the_time_of_zone_is_stated_where_it_can_be_made(config):
+    plain = check_inputs(load_config(config)).estimate
+    assert plain is not None and plain.zone_seconds is None
+    assert "zone" not in plain.lines()[2]
+    keys = {"hazard.ref_width_m": 10.0, "hazard.preset": "ch-so", "hazard.compare_barriers": False}
+    text = config.read_text().replace("[[blocks]]", "[[blocks]]\nonset_frequency = 0.1")
+    config.write_text(text)
+    given = check_inputs(load_config(config, keys)).estimate
+    assert given is not None and given.zone_seconds is not None
+    least, most = given.zone_seconds
+    # All of the blocks once, and drawing: longer than the blocks by themselves.
+    assert least == most > given.seconds
+    assert "; of zone " in given.lines()[2] and "drawing included" in given.lines()[2]
+    auto = check_inputs(load_config(config, keys | {"hazard.blocks": "auto"})).estimate
+    limited = {"hazard.blocks": "auto", "hazard.minutes_max": 2.0}
+    short = check_inputs(load_config(config, keys | limited)).estimate
+    assert auto is not None and auto.zone_seconds is not None
+    assert short is not None and short.zone_seconds is not None
+    assert auto.zone_seconds[0] == least and auto.zone_seconds[1] > 1800.0
+    assert 120.0 < short.zone_seconds[1] < 180.0

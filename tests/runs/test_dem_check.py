@@ -7,11 +7,13 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import geopandas as gpd
 import numpy as np
 import pytest
 import rasterio
 from helpers.small_slope import NORTH, WEST
 from rasterio.transform import Affine, from_origin
+from shapely import box
 
 from sassgis.runs.dem_check import check_dem
 
@@ -170,3 +172,36 @@ def test_what_is_no_terrain_model_is_one_line(tmp_path: Path, refusal) -> None:
     (tmp_path / "dem.tif").write_text("nothing")
     for file, words in (("dem.tif", "cannot be read as a raster"), ("no.tif", "file not found")):
         assert words in refusal("dem", "check", tmp_path / file)
+
+
+def test_the_cells_are_a_layer_beside_the_page(tmp_path: Path, printed) -> None:
+    values = put(lambda v: spikes(v, 5.0))
+    dam(values)
+    hole(values, -9999.0)
+    dem, layer = write(tmp_path / "dem.tif", values), tmp_path / "cells.gpkg"
+    *_, hint = printed("dem", "check", dem).splitlines()
+    assert hint == (
+        f"In QGIS (nodata, spikes, depressions): sassgis dem check {dem} -o dem_check.gpkg"
+    )
+    assert f"Wrote {layer}" in printed("dem", "check", dem, "-o", layer)
+    cells = gpd.read_file(layer, layer="dem_defects")
+    assert cells.crs.to_epsg() == 2056
+    by_item = dict(list(cells.groupby("item")))
+    assert sorted(by_item) == ["depressions", "nodata", "spikes"]
+    (spike,), (gap,) = by_item["spikes"].geometry, by_item["nodata"].geometry
+    assert spike.equals(box(WEST + 80.0, NORTH - 22.0, WEST + 82.0, NORTH - 20.0))
+    assert gap.equals(box(WEST + 60.0, NORTH - 48.0, WEST + 66.0, NORTH - 40.0))
+    assert by_item["nodata"]["cells"].tolist() == [12]
+    assert by_item["spikes"]["largest"].iloc[0] == pytest.approx(5.0, abs=0.5)
+
+
+def test_a_good_model_has_no_cells_to_show(tmp_path: Path, printed) -> None:
+    dem, layer = write(tmp_path / "dem.tif", hills()), tmp_path / "cells.gpkg"
+    assert "In QGIS" not in printed("dem", "check", dem)
+    printed("dem", "check", dem, "-o", layer)
+    assert gpd.read_file(layer, layer="dem_defects").empty
+
+
+def test_what_is_missing_is_a_whole_sentence(tmp_path: Path, printed) -> None:
+    said = printed("dem", "check", write(tmp_path / "dem.tif", hills(), crs=None))
+    assert 'expected its system as --crs, such as "EPSG:2056" (or "local")' in said

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any
 
 import numpy as np
+import pandas as pd
 import rasterio.features
 import shapely
+from affine import Affine
 from numpy.typing import ArrayLike, NDArray
 from rasterio.errors import NotGeoreferencedWarning
 from scipy import ndimage
@@ -91,7 +93,7 @@ def proposed_areas(
     cells that the ground map calls rock.
     """
     numbers = np.arange(1, int(patches.max(initial=0)) + 1)
-    shapes = {number: outline for outline, number in cell_outlines(patches, grid)}
+    shapes = {number: outline for outline, number in cell_outlines(patches, affine_of(grid))}
     area = grid.cell_size**2
 
     def of(values: FloatArray, how: Callable[..., FloatArray]) -> FloatArray:
@@ -110,6 +112,35 @@ def proposed_areas(
     columns |= {name: np.round(values, 3) for name, values in measured.items()}
     outlines, style = [shapes[int(n)] for n in numbers], styles.RELEASE_AREA_STYLE
     return described_layer("release_areas.proposed", columns, outlines, grid.crs, style)
+
+
+#: Colour of each item of the check of a terrain model that has a place on the map.
+_DEFECTS = {
+    "nodata": "#b2182b", "steepness": "#762a83", "spikes": "#e66101", "pits": "#2166ac",
+    "depressions": "#67a9cf", "extent": "#1b7837",
+}  # fmt: skip
+
+
+def defective_cells(found: Mapping[str, FloatArray], transform: Affine, crs: str) -> VectorLayer:
+    """Return patches of cells that a check of the terrain objects to, by its items.
+
+    Each array has the shape of the terrain model: how much is wrong with a cell, 0 for nothing.
+    """
+    rows: list[tuple[str, int, float]] = []
+    outlines = []
+    for item, wrong in found.items():
+        patches, count = ndimage.label(wrong > 0.0)
+        numbers = np.arange(1, count + 1)
+        sizes = np.bincount(patches.ravel(), minlength=count + 1)
+        most = np.asarray(ndimage.maximum(wrong, patches, numbers), float).reshape(count)
+        for outline, number in cell_outlines(patches, transform):
+            rows.append((item, int(sizes[number]), round(float(most[number - 1]), 2)))
+            outlines.append(outline)
+    columns = pd.DataFrame(rows, columns=["item", "cells", "largest"])
+    symbol = styles.Symbol("fill", "#999999", outline="#222222", outline_mm=0.3)
+    legend: Colours = {item: (item, colour) for item, colour in _DEFECTS.items()}
+    style = styles.categorised_style(symbol, "item", legend)
+    return described_layer("dem_defects", columns, outlines, crs, style)
 
 
 def release_points(run: MapRun, planned: Plan) -> VectorLayer:
@@ -229,11 +260,9 @@ def control_line_layers(
     return layers
 
 
-def cell_outlines(numbers: NDArray[Any], grid: Grid) -> Iterator[tuple[Any, int]]:
+def cell_outlines(numbers: NDArray[Any], transform: Affine) -> Iterator[tuple[Any, int]]:
     """Yield outline and number of patches of cells (no diagonals) with a number above 0."""
-    patches = rasterio.features.shapes(
-        numbers, numbers > 0, connectivity=4, transform=affine_of(grid)
-    )
+    patches = rasterio.features.shapes(numbers, numbers > 0, connectivity=4, transform=transform)
     for outline, value in patches:
         yield shapely.geometry.shape(outline), int(value)
 
@@ -249,7 +278,7 @@ def footprints(
     outlines = {}
     for level in sorted(levels):
         reached = (np.nan_to_num(probability, nan=-1.0) >= max(level, 1e-300)).astype(np.uint8)
-        if parts := [part for part, _ in cell_outlines(reached, grid)]:
+        if parts := [part for part, _ in cell_outlines(reached, affine_of(grid))]:
             outlines[float(level)] = shapely.MultiPolygon(list(shapely.get_parts(parts)))
     return outlines
 

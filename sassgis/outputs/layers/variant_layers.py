@@ -16,6 +16,7 @@ from sassgis.grid import Grid
 from sassgis.hazard.assess import raster
 from sassgis.hazard.levels import LEVEL_CHANGES
 from sassgis.hazard.zoning.coverage import Coverage
+from sassgis.inputs.dem import affine_of
 from sassgis.outputs.frames import same, table_of
 from sassgis.outputs.layers.maps import described_band, described_raster, level_classes, on_grid
 from sassgis.outputs.layers.run_vectors import cell_outlines, footprints
@@ -155,7 +156,8 @@ def _pieces(
     """Return patches of cells with the same two levels, as :func:`level_changes` takes them."""
     most = int(max(before.max(initial=0), after.max(initial=0))) + 1
     numbers = raster(grid, cells, 1 + before * most + after).astype(np.int32)
-    found = [(shape, *divmod(number - 1, most)) for shape, number in cell_outlines(numbers, grid)]
+    outlines = cell_outlines(numbers, affine_of(grid))
+    found = [(shape, *divmod(number - 1, most)) for shape, number in outlines]
     return gpd.GeoDataFrame(
         {"before": [b for _, b, _ in found], "after": [a for _, _, a in found]},
         geometry=[shape for shape, _, _ in found],

@@ -12,7 +12,7 @@ import matplotlib as mpl
 import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
-from matplotlib.colors import Normalize
+from matplotlib.colors import BoundaryNorm, ListedColormap, Normalize
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch, Rectangle
 from matplotlib.ticker import NullLocator
@@ -21,13 +21,21 @@ from numpy.typing import NDArray
 from sassgis.grid import FloatArray, Grid
 from sassgis.hazard.curves import rate_interval, return_period
 from sassgis.hazard.design import Arrivals
-from sassgis.hazard.levels import LEVEL_CHANGES, deciding_energy, hazard_level
+from sassgis.hazard.levels import (
+    LEVEL_CHANGES,
+    deciding_energy,
+    energy_labels,
+    hazard_level,
+    levels_of_events,
+    period_labels,
+)
 from sassgis.report.figures import map_figure, style
 from sassgis.report.figures.map_marks import MapMarks, all_points, draw_points
 from sassgis.report.figures.relief import footprint, view_of
 from sassgis.settings.hazard_rules import HazardCurves, HazardPreset
 from sassgis.settings.languages import joined, phrase
 from sassgis.settings.results import RasterClass, RasterLayer, power_of_ten, thousands
+from sassgis.settings.styles import class_tint
 
 #: Sources with a separate curve; the others go together.
 MAX_SOURCES = 6
@@ -157,6 +165,81 @@ def hazard_curve_figure(
     _label_axes(ax, preset)
     sheet.legend(ax.get_legend_handles_labels()[0])
     return sheet.figure
+
+
+#: Steps of energy and of return period in the picture of what a preset makes.
+_STEPS = 300
+
+
+@style.house_style()
+def preset_figure(preset: HazardPreset) -> Figure:
+    """Draw the matrix of a preset as it is written, and the levels that are computed by it."""
+    note = (
+        "Left: the fields as they are written. Right: what the program computes for a place that "
+        "blocks reach with an energy once in a return period. Pale: hatched on maps. White: no "
+        "level."
+    )
+    sheet = style.Sheet(phrase("Rules: preset {}", preset.name), note, 3.2)
+    table, plane = sheet.figure.subplots(1, 2)
+    _matrix_table(table, preset)
+    _level_plane(plane, preset)
+    return sheet.figure
+
+
+def _matrix_table(ax: Axes, preset: HazardPreset) -> None:
+    """Draw the fields in the colours of maps, the strongest intensity at the top."""
+    for y, row in enumerate(preset.matrix):
+        for x, place in enumerate(row):
+            level = preset.levels[place]
+            ax.add_patch(
+                Rectangle(
+                    (x, y), 1.0, 1.0, fc="white" if level.hatched else level.colour,
+                    ec=level.colour if level.hatched else "white", lw=0.8,
+                    hatch="////" if level.hatched else None, gid=f"field-{y}-{x}",
+                )
+            )  # fmt: skip
+            ax.text(
+                x + 0.5, y + 0.5, style.wrap(level.label, 0.7), size=style.SMALL, ha="center",
+                va="center", color=style.INK if level.hatched else style.ink_on(level.colour),
+                path_effects=style.halo() if level.hatched else None,
+            )  # fmt: skip
+    names = [joined(": ", (phrase(c.label), span)) for c, span in zip(
+        preset.intensities, energy_labels(preset), strict=True)]  # fmt: skip
+    ax.set(xlim=(0, len(preset.return_periods) + 1), ylim=(0, len(names)))
+    ax.set_xticks(np.arange(len(preset.return_periods) + 1) + 0.5)
+    ax.set_xticklabels([style.wrap(own, 0.6) for own in period_labels(preset.return_periods)])
+    ax.set_yticks(np.arange(len(names)) + 0.5, [style.wrap(own, 0.9) for own in names])
+    ax.set_xlabel("return period (years)")
+    ax.tick_params(length=0)
+    ax.grid(False)
+
+
+def _level_plane(ax: Axes, preset: HazardPreset) -> None:
+    """Draw the computed level over energy and return period."""
+    limits, periods = preset.thresholds_kj, preset.return_periods
+    low = limits[1] / 10.0 if len(limits) > 1 else 1.0
+    energies = np.geomspace(low, 10.0 * max(limits[-1], low), _STEPS)
+    last = preset.rarest_years or periods[-1]
+    years = np.geomspace(periods[0] / 10.0, 3.0 * last, _STEPS)
+    e, t = (own.ravel() for own in np.meshgrid(energies, years, indexing="ij"))
+    levels = levels_of_events(e, t, preset).reshape(_STEPS, _STEPS)
+    colours = ["white", *(class_tint(RasterClass(0, c.label, c.colour, c.hatched))
+                          for c in preset.levels)]  # fmt: skip
+    codes = np.arange(len(colours) + 1) - 0.5
+    norm = BoundaryNorm(codes, len(colours))
+    ax.pcolormesh(
+        years, energies, levels, cmap=ListedColormap(colours), norm=norm, shading="nearest",
+        rasterized=True, gid="levels",
+    )  # fmt: skip
+    ax.set(
+        xscale="log", yscale="log", xlabel="return period (years)", ylabel="energy at least (kJ)"
+    )
+    marks = [t for t in (*periods, preset.rarest_years) if t]
+    ax.set_xticks(marks, [thousands(t) for t in marks], rotation=45)
+    ax.set_yticks(limits[1:], [f"{own:g}" for own in limits[1:]])
+    for axis in (ax.xaxis, ax.yaxis):
+        axis.set_minor_locator(NullLocator())
+    ax.grid(False)
 
 
 def _level_words(one: HazardCurves, preset: HazardPreset) -> str:
