@@ -192,7 +192,7 @@ def simulate_profile(
             effects=config.effects, forest=profile.forest,
         )  # fmt: skip
         shown = simulated(rocks_per_line=drawn, log_events=_LOG_EVENTS)
-        paths += [trajectory(c, config.engine.gravity_mps2) for c in shown.event_logs]
+        paths += [trajectory(c, config.engine.gravity_mps2)[1:] for c in shown.event_logs]
         parts.append(simulated(rocks_per_line=count))
     for part in parts:
         sums.add(part.passages)

@@ -175,8 +175,8 @@ def test_a_cell_says_what_the_maps_hold(zoned: Zoned, opened: Callable[..., Any]
         # A zone is nowhere below its cells.
         zone = re.search(r"^Zone: (.*)$", text, re.MULTILINE)
         assert zone is not None and labels.index(zone[1]) >= int(at.hazard_level) - 1
-        chance = re.search(r"with a chance of ([\d.]+) %", text)
-        assert chance is not None
+        chance = re.search(r"with a probability of ([\d.]+) %", text)
+        assert chance is not None, text
         assert float(chance[1]) == pytest.approx(100 * float(at.confidence_change_chance), abs=0.6)
         for energy, words in ((0.0, "any block"), (30.0, "30 kJ and more")):
             years = float(return_period(curves.rate[k, curves.column(energy)]))
