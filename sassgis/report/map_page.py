@@ -30,7 +30,7 @@ from sassgis.grid import FloatArray, Grid, IntArray
 from sassgis.report.figures.map_figure import class_numbers, shown_values
 from sassgis.report.figures.map_marks import MapObject
 from sassgis.report.figures.relief import MapView, footprint, hillshade, view_of
-from sassgis.report.page import data_uri, template
+from sassgis.report.page import data_uri, sensible, template
 from sassgis.settings.hazard_rules import HazardCurves, HazardPreset
 from sassgis.settings.languages import current_language, phrase, translated
 from sassgis.settings.map_run import MapRun
@@ -49,6 +49,8 @@ _BANDS = ("q50", "q95", "max")
 _SOURCES, _ENERGIES, _DOTS, _CELLS = 3, 12, 1200, 120_000
 #: Release points; paths, their places together, and the least time between two places (s).
 _POINTS, _PATHS, _PLACES, _STEP_S = 3000, 300, 40_000, 0.25
+#: Colours of speeds, to be told from those of levels.
+_FAST = "plasma"
 #: Dots from one stripe of a hatched class to the next.
 _STRIPE = 6
 #: Steps of a decade, and the smallest power of ten.
@@ -495,7 +497,7 @@ def _paths(paths: Sequence[BlockPath], ground: Grid, speed: RasterLayer) -> dict
             for values in (*tenths, 10.0 * np.maximum(above, 0.0), 10.0 * speeds)
         ],
         "limits": [float(limit) for limit in speed.breaks],
-        "colours": class_colours(speed.breaks, speed.ramp),
+        "colours": class_colours(speed.breaks, _FAST),
         "labels": class_labels(speed.breaks, speed.bands[0].unit),
         "blocks": [
             {
@@ -504,11 +506,11 @@ def _paths(paths: Sequence[BlockPath], ground: Grid, speed: RasterLayer) -> dict
                 "count": places.shape[1],
                 "rows": [
                     (translated("reason for stopping"), translated(STOP_TEXT[path.reason])),
-                    (translated("mass"), f"{path.mass_kg:.0f} kg"),
+                    (translated("mass"), f"{sensible(path.mass_kg)} kg"),
                     (translated("run-out chainage"), f"{path.runout_m:.0f} m"),
                     (translated("duration"), f"{path.time_s:.1f} s"),
                     (translated("largest speed"), f"{path.max_speed_mps:.1f} m/s"),
-                    (translated("largest energy"), f"{path.max_energy_kj:.3g} kJ"),
+                    (translated("largest energy"), f"{sensible(path.max_energy_kj)} kJ"),
                     (translated("largest passing height"), f"{path.max_height_m:.1f} m"),
                 ],
             }

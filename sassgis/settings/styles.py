@@ -204,7 +204,7 @@ REACHED_STYLE = VectorStyle(
 )
 #: An envelope, and no zone either.
 ENERGY_LINE_STYLE = VectorStyle(
-    Symbol("fill", "#b5179e", opacity=0.0, outline="#b5179e", outline_mm=0.5, dash="dash")
+    Symbol("fill", "#e66100", opacity=0.0, outline="#e66100", outline_mm=0.5, dash="dash")
 )
 RELEASE_POINT_STYLE = VectorStyle(
     Symbol("marker", "#6a3d9a", size_mm=1.6, outline="#ffffff", outline_mm=0.15, shape="triangle"),

@@ -391,24 +391,23 @@ _PALE = 0.65
 def _class_maps(
     grid: Grid,
     panels: Sequence[map_figure.MapPanel],
-    legends: Sequence[tuple[str, Sequence[Patch]]],
+    signs: Sequence[Patch],
     marks: MapMarks,
     title: str,
     *,
     note: str = "",
     columns: int = 0,
 ) -> Figure:
-    """Draw maps of classes: one with its legend next to it, several with legends below them."""
+    """Draw maps of classes: one with its legend next to it, several with it below them."""
     values = [panel.values for panel in panels if panel.values is not None]
     seen = np.where(np.any(np.isfinite(values), axis=0), 1.0, np.nan)
     view = view_of(grid, footprint(grid, seen, all_points(marks.release)))
     notes = [note, marks.key(), map_figure.coarse_note(view, "highest class")]
     sheet, axes = map_figure.draw_maps(view, panels, marks, title, notes, columns=columns)
     if len(panels) == 1:
-        map_figure.legend_beside(axes[0], legends[0][1], legends[0][0])
+        map_figure.legend_beside(axes[0], signs, "")
     else:
-        for heading, signs in reversed(legends):
-            sheet.legend(signs, heading)
+        sheet.legend(signs)
     return map_figure.finish(sheet, axes, marks, view)
 
 
@@ -419,8 +418,8 @@ def intensity_figure(grid: Grid, layers: Sequence[RasterLayer], marks: MapMarks)
         map_figure.class_panel(layer.bands[0].values, layer.classes, layer.title)
         for layer in layers
     ]
-    legend = ("", map_figure.class_signs(layers[0].classes))
-    return _class_maps(grid, panels, [legend], marks, "Intensity by return period")
+    signs = map_figure.class_signs(layers[0].classes)
+    return _class_maps(grid, panels, signs, marks, "Intensity by return period")
 
 
 @style.house_style()
@@ -435,9 +434,9 @@ def confidence_figure(
     share = int((uncertain & reached).sum()) / max(int(reached.sum()), 1)
     text = "Statistically uncertain: {} % of the cells that have a level."
     note = phrase(text, f"{100.0 * share:.1f}")
-    legend = ("", map_figure.class_signs(classes, "statistically uncertain"))
+    signs = map_figure.class_signs(classes, "statistically uncertain")
     title = "Levels that another random seed may change"
-    return _class_maps(grid, [panel], [legend], marks, title, note=note)
+    return _class_maps(grid, [panel], signs, marks, title, note=note)
 
 
 def level_changes(before: FloatArray, after: FloatArray) -> FloatArray:
@@ -473,14 +472,11 @@ def change_figure(
         map_figure.class_panel(after.bands[0].values, classes, names[1]),
         map_figure.class_panel(change, kinds, "Change"),
     ]
-    legends = [
-        ("Level", map_figure.class_signs(classes)),
-        ("Change", map_figure.class_signs(kinds)),
-    ]
+    signs = [*map_figure.class_signs(classes), *map_figure.class_signs(kinds)]
     text = "Lower level: {} m²; same level: {} m²; higher level: {} m²."
     note = phrase(text, *changes)
     # In one row they are as legible on a sheet of A4 as in a report.
-    return _class_maps(grid, panels, legends, marks, title, note=note, columns=3)
+    return _class_maps(grid, panels, signs, marks, title, note=note, columns=3)
 
 
 @style.house_style()

@@ -211,7 +211,7 @@ def scale_bar(ax: Axes, box: Bounds) -> None:
     sign = AnchoredOffsetbox(
         "upper left", child=HPacker(children=[parts, north], align="center", pad=0.0, sep=8.0),
         bbox_to_anchor=(0.0, 0.0), bbox_transform=offset_copy(
-            ax.transAxes, ax.figure, x=0.0, y=-_BELOW_PT, units="points"
+            ax.transAxes, ax.get_figure(root=True), x=0.0, y=-_BELOW_PT, units="points"
         ),
         borderpad=0.0, pad=0.0, frameon=False, prop=FontProperties(size=SMALL),
     )  # fmt: skip
