@@ -529,4 +529,6 @@ def frames(path: BlockPath, step_s: float) -> FloatArray:
     way = np.hypot(np.hypot(np.diff(path.x), np.diff(path.y)), np.diff(path.z))
     length = np.append(0.0, np.cumsum(way))
     x, y, z, s = (np.interp(wanted, t, values) for values in (path.x, path.y, path.z, length))
-    return np.array([x, y, z, np.append(np.diff(s), 0.0) / step_s])
+    # The centre steps up or down by some centimetres where a flight ends in rolling.
+    speed = np.minimum(np.append(np.diff(s), 0.0) / step_s, path.max_speed_mps)
+    return np.array([x, y, z, speed])

@@ -355,7 +355,7 @@ def test_release_points_and_the_energy_line_are_layers(
     drawn = shapely.MultiPolygon([shapely.Polygon(part[0], part[1:]) for part in parts])
     assert drawn.symmetric_difference(layer.geometry[0]).area < 0.05 * drawn.area
     stops = gpd.read_file(page.with_name("result.gpkg"), layer="stops")
-    at_rest = stops[stops["end"].isin(("at rest", "stopped by a barrier"))]
+    at_rest = stops[stops["end"].isin(("rest", "barrier"))]
     # 99 % of the blocks are seen above the angle, so that they lie below the line.
     assert at_rest.within(layer.geometry[0].buffer(3.0)).mean() > 0.97
 
