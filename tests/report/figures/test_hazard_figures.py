@@ -37,7 +37,7 @@ def level_of(grid: Grid) -> RasterLayer:
 
 
 def classes_in(figure) -> list[str]:
-    """Names of the legends, the lowest legend first."""
+    """Names of the signs in the legends."""
     (first, *_) = axes_of(figure, "map")
     legends = [*([first.get_legend()] if first.get_legend() else []), *figure.legends]
     return [text.get_text() for legend in legends for text in legend.get_texts()]
@@ -161,7 +161,7 @@ def test_before_after_and_what_changed(valley: Grid) -> None:
     assert [np.count_nonzero(change == k) for k in (0, 1, 2)] == [56, 104, 1]
     words = texts(figure)
     assert "Lower level: 1 400 m²" in words and "higher level: 25 m²" in words
-    assert classes_in(figure)[:3] == ["Higher level", "Same level", "Lower level"]
+    assert classes_in(figure)[-3:] == ["Higher level", "Same level", "Lower level"]
     green = axes_of(figure, "map")[2].get_images()[1].cmap(0)
     assert to_hex(green) == LEVEL_CHANGES["lower"][1]
 
