@@ -49,7 +49,7 @@ _BANDS = ("q50", "q95", "max")
 _SOURCES, _ENERGIES, _DOTS, _CELLS = 3, 12, 1200, 120_000
 #: Release points; paths, their places together, and the least time between two places (s).
 _POINTS, _PATHS, _PLACES, _STEP_S = 3000, 300, 40_000, 0.25
-#: Colours of speeds, to be told from those of levels.
+#: Colours of speeds, different from those of levels.
 _FAST = "plasma"
 #: Dots from one stripe of a hatched class to the next.
 _STRIPE = 6
