@@ -255,13 +255,13 @@ def same_event(state: Record, physics: Physics) -> None:
 
 def trajectory(
     log: NDArray[np.void], gravity: float, step_s: float = 0.02
-) -> tuple[FloatArray, FloatArray]:
-    """Return the path of the centre of a block, chainage and height (m), from its event log.
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return the path of the centre of a block: times (s), chainage and height (m), from its log.
 
     A point each ``step_s`` (s) of a flight, straight lines on the ground.
     """
     if log.size == 0:
-        return np.empty(0), np.empty(0)
+        return np.empty(0), np.empty(0), np.empty(0)
     duration = np.append(np.diff(log["t_s"]), 0.0)
     duration[log["phase"] != FLIGHT] = 0.0
     points = np.maximum(np.ceil(duration / step_s), 1.0).astype(np.int64)
@@ -269,4 +269,5 @@ def trajectory(
     number = np.arange(of.size) - np.repeat(np.cumsum(points) - points, points)
     t = number * (duration / points)[of]
     s = log["x_m"][of] + log["vx_mps"][of] * t
-    return s, log["z_m"][of] + (log["vz_mps"][of] - 0.5 * gravity * t) * t
+    z = log["z_m"][of] + (log["vz_mps"][of] - 0.5 * gravity * t) * t
+    return log["t_s"][of] + t, s, z

@@ -65,7 +65,7 @@ def change_figures(
             figure = figures.map_change_figure(
                 grid, old, new, moved, MapMarks(after.release),
                 unit="" if compared.unit == "1" else compared.unit, ramp=_RAMPS[compared.stem],
-                title=title, note=_NOTHING,
+                title=title,
             )  # fmt: skip
         if compared is result_change.REACH:
             width = phrase("Width {} m (one cell).", f"{grid.cell_size:.4g}")

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import base64
 import io
+import math
 import re
 import zlib
 from collections.abc import Iterable, Mapping, Sequence
@@ -22,18 +23,20 @@ import numpy as np
 import shapely
 from markupsafe import Markup
 from numpy.typing import NDArray
+from scipy import ndimage
 
+from sassgis.files.vector_layer import VectorLayer
 from sassgis.grid import FloatArray, Grid, IntArray
 from sassgis.report.figures.map_figure import class_numbers, shown_values
 from sassgis.report.figures.map_marks import MapObject
 from sassgis.report.figures.relief import MapView, footprint, hillshade, view_of
-from sassgis.report.page import data_uri, template
+from sassgis.report.page import data_uri, sensible, template
 from sassgis.settings.hazard_rules import HazardCurves, HazardPreset
 from sassgis.settings.languages import current_language, phrase, translated
 from sassgis.settings.map_run import MapRun
-from sassgis.settings.results import RasterLayer
+from sassgis.settings.results import STOP_TEXT, RasterLayer, ReleasePoints
 from sassgis.settings.styles import class_colours, class_labels, rgb
-from sassgis.simulation.path_sample import LinePaths
+from sassgis.simulation.path_sample import BlockPath
 
 #: Maps that can be chosen, the first that there is at the beginning.
 _SHOWN = ("hazard_level", "energy", "reach_probability", "passing_height", "return_period")
@@ -44,6 +47,10 @@ _BANDS = ("q50", "q95", "max")
 #: Sources that are named of a cell; energies of a curve; dots of a picture; cells that are
 #: distinguished.
 _SOURCES, _ENERGIES, _DOTS, _CELLS = 3, 12, 1200, 120_000
+#: Release points; paths, their places together, and the least time between two places (s).
+_POINTS, _PATHS, _PLACES, _STEP_S = 3000, 300, 40_000, 0.25
+#: Colours of speeds, different from those of levels.
+_FAST = "plasma"
 #: Dots from one stripe of a hatched class to the next.
 _STRIPE = 6
 #: Steps of a decade, and the smallest power of ten.
@@ -81,15 +88,18 @@ def write_map_page(
     areas: Sequence[tuple[str, Any, Rows]],
     objects: Sequence[MapObject],
     contributions: Sequence[Contribution],
-    paths: Sequence[LinePaths],
+    points: ReleasePoints,
+    envelope: VectorLayer,
+    paths: Sequence[BlockPath],
     places: Mapping[tuple[str, str], PlaceFacts],
     hazard: MapHazard | None = None,
     warnings: Sequence[str] = (),
 ) -> None:
     """Write the page of a run with all its maps, in the language of the settings.
 
-    Release areas are name, geometry and what is said; places are by kind and name of the object,
-    station or barrier; warnings are those about what may make the maps wrong.
+    Release areas are name, geometry and what is said; the envelope is the layer of the energy line;
+    places are by kind and name of the object, station or barrier; warnings are those about what may
+    make the maps wrong.
     """
     by_stem = {layer.stem: layer for layer in layers}
     first = by_stem[next(stem for stem in _SHOWN if stem in by_stem)]
@@ -105,8 +115,11 @@ def write_map_page(
         "maps": [_map(by_stem[stem], view) for stem in _SHOWN if stem in by_stem],
         "cells": _cells(run.grid, hazard, contributions, by_stem),
         "curve": _curve_facts(hazard),
-        "shapes": _shapes(run, areas, objects, places, hazard),
-        "paths": [_path(shown) for shown in paths],
+        "shapes": [*_shapes(run, areas, objects, places, hazard), *_envelope(envelope, run.grid)],
+        "points": _points(
+            shapely.MultiPoint(_some(np.column_stack([points.x, points.y]), _POINTS))
+        ),
+        "paths": _paths(_some(paths, _PATHS), run.heights, by_stem["speed"]),
     }
     text = template("map_page.html.j2").render(
         title=title,
@@ -151,7 +164,14 @@ _WORDS = {
     "chainage": "chainage",
     "ground": "ground at",
     "above": "block above the ground",
-    "path": "Path of a block",
+    "path": "Paths of blocks",
+    "one_path": "Path of a block",
+    "speed": "speed",
+    "play": "Play",
+    "pause": "Pause",
+    "all": "All release areas",
+    "point": "Release points",
+    "energy_line": "Energy line",
     "east": "east",
     "north": "north",
     "release": "Release area",
@@ -439,8 +459,76 @@ def _shapes(
     return found
 
 
-def _path(shown: LinePaths) -> dict[str, Any]:
-    end = int(np.searchsorted(shown.s, max(float(s.max()) for s, _ in shown.paths))) + 1
-    part = {k: np.round(getattr(shown, k)[:end], 1).tolist() for k in ("s", "z", "x", "y")}
-    blocks = [{"s": np.round(s, 1).tolist(), "z": np.round(z, 1).tolist()} for s, z in shown.paths]
-    return {"name": f"{shown.area}, {shown.scenario}", **part, "blocks": blocks}
+def _envelope(layer: VectorLayer, grid: Grid) -> list[dict[str, Any]]:
+    """Return the energy line as a shape, its steps of cells smoothed."""
+    frame = layer.frame
+    lines = frame.geometry.simplify(grid.cell_size)
+    return [
+        _shape("energy_line", "", line, (("reach angle", f"{angle:.1f}°"),))
+        for angle, line in zip(frame["angle_deg"], lines, strict=True)
+    ]
+
+
+def _some(values: Any, most: int) -> Any:
+    """Return at most so many of some values, evenly chosen."""
+    if len(values) <= most:
+        return values
+    chosen = np.linspace(0, len(values) - 1, most).round().astype(int)
+    return [values[i] for i in chosen]
+
+
+def _paths(paths: Sequence[BlockPath], ground: Grid, speed: RasterLayer) -> dict[str, Any]:
+    """Return where blocks are at equal steps of time, and how fast (0.1 m, 0.1 m/s)."""
+    step = max(_STEP_S, sum(path.t[-1] for path in paths) / _PLACES)
+    found = [frames(path, step) for path in paths]
+    x, y, z, speeds = np.concatenate(found, axis=1) if found else np.empty((4, 0))
+    column, row = ground.col_row(x, y)
+    below = ndimage.map_coordinates(ground.values, [row, column], order=1, mode="nearest")
+    above = np.nan_to_num(z - below)
+    low = [
+        float(np.floor(values.min(initial=np.inf))) if len(paths) else 0.0 for values in (x, y, z)
+    ]
+    tenths = [10.0 * (values - least) for values, least in zip((x, y, z), low, strict=True)]
+    return {
+        "step": step,
+        "low": low,
+        "columns": [
+            _packed(np.diff(np.rint(values).astype(np.uint32), prepend=np.uint32(0)))
+            for values in (*tenths, 10.0 * np.maximum(above, 0.0), 10.0 * speeds)
+        ],
+        "limits": [float(limit) for limit in speed.breaks],
+        "colours": class_colours(speed.breaks, _FAST),
+        "labels": class_labels(speed.breaks, speed.bands[0].unit),
+        "blocks": [
+            {
+                "area": path.area,
+                "scenario": path.scenario,
+                "count": places.shape[1],
+                "rows": [
+                    (translated("reason for stopping"), translated(STOP_TEXT[path.reason])),
+                    (translated("mass"), f"{sensible(path.mass_kg)} kg"),
+                    (translated("run-out chainage"), f"{path.runout_m:.0f} m"),
+                    (translated("duration"), f"{path.time_s:.1f} s"),
+                    (translated("largest speed"), f"{path.max_speed_mps:.1f} m/s"),
+                    (translated("largest energy"), f"{sensible(path.max_energy_kj)} kJ"),
+                    (translated("largest passing height"), f"{path.max_height_m:.1f} m"),
+                ],
+            }
+            for path, places in zip(paths, found, strict=True)
+        ],
+    }
+
+
+def frames(path: BlockPath, step_s: float) -> FloatArray:
+    """Return x, y, z (m) of a block at equal steps of time, and its speed after each (m/s).
+
+    Shape (4, n). The speed is the length of the path over the step; the block ends within the last.
+    """
+    t = path.t - path.t[0]
+    wanted = np.arange(math.ceil(t[-1] / step_s) + 1) * step_s
+    way = np.hypot(np.hypot(np.diff(path.x), np.diff(path.y)), np.diff(path.z))
+    length = np.append(0.0, np.cumsum(way))
+    x, y, z, s = (np.interp(wanted, t, values) for values in (path.x, path.y, path.z, length))
+    # The centre steps up or down by some centimetres where a flight ends in rolling.
+    speed = np.minimum(np.append(np.diff(s), 0.0) / step_s, path.max_speed_mps)
+    return np.array([x, y, z, speed])

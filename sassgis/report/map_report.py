@@ -14,7 +14,7 @@ from matplotlib.figure import Figure
 from sassgis.grid import FloatArray, IntArray
 from sassgis.hazard.assess import Assessment
 from sassgis.hazard.risk import total_rows
-from sassgis.hazard.sources import ReachAngles
+from sassgis.hazard.sources import ReachAngles, stated_angles
 from sassgis.hazard.warnings import ground_shares, sample_words
 from sassgis.report import figures
 from sassgis.report.figures.map_marks import MapObject
@@ -67,10 +67,8 @@ def run_lines(progress: Progress, angles: ReachAngles) -> Lines:
             "cliff",
         ),
     ):
-        if np.isfinite(values).any():
-            # The smallest of all is that of some block that has hardly moved.
-            low = np.quantile(values[np.isfinite(values)], (0.01, 0.05, 0.5))
-            lines.append((name, phrase(text, *(f"{angle:.1f}°" for angle in low))))
+        if (stated := stated_angles(values)).size:
+            lines.append((name, phrase(text, *(f"{angle:.1f}°" for angle in stated))))
     return tuple(lines)
 
 

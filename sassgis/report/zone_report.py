@@ -101,7 +101,7 @@ def zone_figures(
         "Hazard zones",
         phrase(text, rules.preset.name, phrase(rules.preset.title), width),
         classes_alt(level.title, areas),
-        figures.map_figure(grid, level, zone_marks, note=width),
+        figures.map_figure(grid, level, zone_marks),
     )
     intensities = [m for m in maps if m.stem.startswith("intensity")]
     add(
@@ -109,19 +109,19 @@ def zone_figures(
         "Intensity by return period",
         phrase("Strongest intensity that is reached at least once in the return period. {}", width),
         joined(" ", (map_alt(grid, layer) for layer in intensities)),
-        figures.intensity_figure(grid, intensities, marks, width),
+        figures.intensity_figure(grid, intensities, marks),
+    )
+    text = (
+        "With another random seed, some cells change level. The hatched cells hold {} % of "
+        "these changes. More blocks reduce their number. Other onset frequencies or ground "
+        "parameters may change any cell."
     )
     add(
         "confidence",
         "Where the level is statistically uncertain",
-        phrase(
-            "With another random seed, some cells change level. The hatched cells hold {} % of "
-            "these changes. More blocks reduce their number. Other onset frequencies or ground "
-            "parameters may change any cell.",
-            f"{100 * confidence:.3g}",
-        ),
+        joined(" ", (phrase(text, f"{100 * confidence:.3g}"), width)),
         map_alt(grid, not_certain),
-        figures.confidence_figure(grid, level, not_certain.bands[0].values == 1, marks, width),
+        figures.confidence_figure(grid, level, not_certain.bands[0].values == 1, marks),
     )
     if len(history) > 1:
         add(
@@ -143,12 +143,13 @@ def zone_figures(
             drawn = np.where(levels == 0, np.nan, levels).astype(np.float32)
             both.append(replace(level, bands=(replace(level.bands[0], values=drawn),)))
         names = ("Without walls and nets", "With them")
+        text = "Hazard level of the cells without and with walls and nets, from the same blocks."
         add(
             "barriers",
             BARRIERS_TITLE,
-            "Hazard level of the cells without and with walls and nets, from the same blocks.",
+            joined(" ", (text, width)),
             phrase("Without: {} With: {}", *(map_alt(grid, layer) for layer in both)),
-            figures.change_figure(grid, both[0], both[1], marks, names=names, note=width),
+            figures.change_figure(grid, both[0], both[1], marks, names=names),
         )
     curves, preset = hazard.curves, rules.preset
     x, y = grid.cell_centres(curves.places[place : place + 1])

@@ -195,7 +195,7 @@ def simulate_profile(
             effects=config.effects, forest=profile.forest,
         )  # fmt: skip
         shown = simulated(rocks_per_line=drawn, log_events=_LOG_EVENTS)
-        paths += [trajectory(c, config.engine.gravity_mps2) for c in shown.event_logs]
+        paths += [trajectory(c, config.engine.gravity_mps2)[1:] for c in shown.event_logs]
         own = zip(shown.event_logs, shown.rocks, strict=True)
         contacts.append(np.concatenate([contacts_of(*pair, config.engine) for pair in own]))
         parts.append(simulated(rocks_per_line=count))

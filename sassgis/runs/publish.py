@@ -18,7 +18,7 @@ from sassgis.hazard.curves import hazard_curves
 from sassgis.hazard.design import arrivals, motion_warnings, value_at_rate
 from sassgis.hazard.object_values import ObjectValues, object_values
 from sassgis.hazard.risk import RiskTable
-from sassgis.hazard.sources import Sampled, reach_angles, sampled_sources
+from sassgis.hazard.sources import ReachAngles, Sampled, reach_angles, sampled_sources
 from sassgis.hazard.warnings import ground_shares
 from sassgis.hazard.zoning.applied_edits import shares_text
 from sassgis.inputs.dem import read_base_map
@@ -75,7 +75,7 @@ from sassgis.simulation.accumulators import Progress, line_ends, sample_of
 from sassgis.simulation.checkpoint import read_rows
 from sassgis.simulation.control_lines import LineParts
 from sassgis.simulation.map_sums import MapSums, Sample
-from sassgis.simulation.path_sample import paths_on_line, sample_paths, some_paths
+from sassgis.simulation.path_sample import BlockPath, paths_on_line, sample_paths
 from sassgis.simulation.workers import beside
 
 #: Points of a curve at a line.
@@ -266,14 +266,27 @@ def publish_map(
     warnings = (*extras.warnings, *done.warnings, *motion_warnings(run.blocks, highest))
     counts = _counts(done)
     facts = facts_of(config, run) | extras.facts | counts
-    report = partial(_write_report, work, done, layers, extras, warnings, facts)
+    angles = reach_angles(run, planned, progress)
+    envelope = run_vectors.energy_line(run, planned, angles)
+    paths = sample_paths(run, planned, config.output.paths_max)
+    report = partial(
+        _write_report,
+        work=work,
+        done=done,
+        layers=layers,
+        extras=extras,
+        warnings=warnings,
+        facts=facts,
+        angles=angles,
+        envelope=envelope,
+        paths=paths,
+    )
     with beside(report, GIVEN_UP) as reported:
         terrain = terrain_layer(run.grid)
         for layer in (*extras.layers, *layers, terrain):
             write_raster(layer, run.grid, work / "maps")
         vectors = run_vectors.all_layers(run, planned, progress, layers, extras.parts)
-        vectors += exposed_layers(extras.placed, run.grid.crs)
-        paths = sample_paths(run, planned, config.output.paths_max)
+        vectors += [envelope, *exposed_layers(extras.placed, run.grid.crs)]
         if paths:
             vectors.append(run_vectors.block_paths(paths, run.grid.crs))
         imprint = replace(config.project, date=made_on(config))
@@ -386,6 +399,9 @@ def _write_report(
     extras: Extras,
     warnings: Sequence[str],
     facts: Mapping[str, object],
+    angles: ReachAngles,
+    envelope: VectorLayer,
+    paths: Sequence[BlockPath],
 ) -> ReportContext:
     """Write report, map page and sheets of protection if any; returns what the report says."""
     config, run, planned, progress = done.config, done.run, done.planned, done.progress
@@ -409,7 +425,7 @@ def _write_report(
     )
     values = extras.objects or values_at_objects(done, None, ())
     exposed = exposed_table(extras.placed, values, extras.levels)
-    lines = run_lines(progress, reach_angles(run, planned, progress))
+    lines = run_lines(progress, angles)
     first = () if extras.key_results is None else (context.key_results,)
     drawn, sheets = extras.figures(), extras.sheets()
     others = [("map.html", "The map in a browser")]
@@ -445,7 +461,9 @@ def _write_report(
         areas=[(area.name, area.geometry, rows[area.name]) for area in run.areas],
         objects=objects,
         contributions=extras.contributions or blocks_by_source(run, progress),
-        paths=some_paths(run, planned),
+        points=planned.points,
+        envelope=envelope,
+        paths=paths,
         places=extras.places,
         hazard=extras.hazard,
         warnings=first_warnings(warnings),

@@ -202,6 +202,10 @@ EDIT_STYLE = VectorStyle(
 REACHED_STYLE = VectorStyle(
     Symbol("fill", "#404040", opacity=0.0, outline="#404040", outline_mm=0.15, dash="dot")
 )
+#: An envelope, and no zone either.
+ENERGY_LINE_STYLE = VectorStyle(
+    Symbol("fill", "#e66100", opacity=0.0, outline="#e66100", outline_mm=0.5, dash="dash")
+)
 RELEASE_POINT_STYLE = VectorStyle(
     Symbol("marker", "#6a3d9a", size_mm=1.6, outline="#ffffff", outline_mm=0.15, shape="triangle"),
     smallest_scale=SINGLE_SCALE,

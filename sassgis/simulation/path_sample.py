@@ -90,7 +90,9 @@ class BlockPath:
 
     area: str
     scenario: str
-    # Shape (n,); coordinates of the map and height (m); at least two points.
+    # Shape (n,); times since the release (s), coordinates of the map and height (m); at least two
+    # points.
+    t: FloatArray
     x: FloatArray
     y: FloatArray
     z: FloatArray
@@ -147,8 +149,8 @@ def stretches_of(s: FloatArray) -> FloatArray:
 
 
 LOG_EVENTS = 2000
-#: Most paths on one line, and release points of which one is shown each.
-_PATHS, _SHOWN = 100, 40
+#: Most paths on one line.
+_PATHS = 100
 #: Time between two points of a flight (s): a chord is then within 2 cm of the parabola.
 _STEP_S = 0.1
 _FACTS = ("runout_m", "time_s", "mass_kg", "max_energy_kj", "max_speed_mps", "max_height_m")
@@ -195,19 +197,9 @@ def paths_on_line(
             (crossed.control_lines[g], float(c))
             for c, g in zip(crossed.chainage, crossed.control_line, strict=True)
         ),
-        paths=tuple(trajectory(log, run.engine.gravity_mps2) for log in result.event_logs),
+        paths=tuple(trajectory(log, run.engine.gravity_mps2)[1:] for log in result.event_logs),
         stops=result.rocks["runout_m"],
     )
-
-
-def some_paths(run: MapRun, planned: Plan) -> list[LinePaths]:
-    """Return paths of the first block of some release points, evenly chosen; not the shortest."""
-    out = []
-    for number, point in enumerate(_even_points(run, planned, _SHOWN)):
-        scenarios = planned.scenarios[planned.points.area[point]]
-        scenario = scenarios[number % len(scenarios)]
-        out.append(paths_on_line(run, planned, int(point), scenario, 0))
-    return [shown for shown in out if shown is not None]
 
 
 def _even_points(run: MapRun, planned: Plan, most: int) -> IntArray:
@@ -302,7 +294,7 @@ def _paths(
         return
     name = planned.points.area_names[int(planned.points.area[which[0]])]
     for row, log in zip(result.rocks, result.event_logs, strict=True):
-        s, z = trajectory(log, run.engine.gravity_mps2, _STEP_S)
+        t, s, z = trajectory(log, run.engine.gravity_mps2, _STEP_S)
         if prepared is None:
             chainage, east, north = _in_plan(run.heights, log)
             if chainage.size < 2:
@@ -316,4 +308,4 @@ def _paths(
             x, y = chainage_to_xy(prepared.lines, line, np.clip(s, 0.0, length))
         facts = [float(row[fact]) for fact in _FACTS]
         reason = StopReason(int(row["reason"]))
-        yield BlockPath(name, run.blocks[scenario].name, x, y, z, reason, *facts)
+        yield BlockPath(name, run.blocks[scenario].name, t, x, y, z, reason, *facts)

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from sassgis.grid import Grid
-from sassgis.hazard.sources import _angle_deg, foot_of_cliff
+from sassgis.hazard.sources import _angle_deg, below_energy_line, foot_of_cliff, stated_angles
 from sassgis.settings.map_run import BlockRows
 from sassgis.settings.results import PASSAGE_DTYPE, ROCK_DTYPE
 from sassgis.simulation.accumulators import (
@@ -47,6 +47,37 @@ def test_angles_are_those_of_the_straight_line() -> None:
     angles = _angle_deg(upper, lower)
     assert angles[0] == pytest.approx(45.0)
     assert np.isnan(angles[1:]).all()
+
+
+def test_the_energy_line_of_a_tower_on_a_plain_is_a_cone(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """100 m high: the line of 45° meets the plain at 100 m, a hill of 60 m within 40 m."""
+    heights = np.zeros((250, 250))
+    heights[125, 125], heights[125, 155], heights[125, 175] = 100.0, 60.0, 60.0
+    grid = Grid(heights, 0.0, 250.0, 1.0)
+    grid.values[0, 125] = np.nan
+    row, col = np.indices(heights.shape)
+    distance = np.hypot(row - 125, col - 125)
+    # A point on the plain within the cone of the first adds nothing.
+    x, y = np.array([125.5, 140.5]), np.array([124.5, 124.5])
+    below = below_energy_line(grid, x, y, 45.0)
+    plain = (heights == 0.0) & np.isfinite(heights)
+    assert (below[plain] == (distance[plain] <= 100.0 + 1e-9)).all()
+    assert below[125, 155] and not below[125, 175]
+    assert below.sum() == pytest.approx(np.pi * 100.0**2, rel=0.01)
+    # Square by square it is the same but for the squares at its rim.
+    monkeypatch.setattr("sassgis.hazard.sources._PAIRS", 250.0**2 / 16.0)
+    coarse = below_energy_line(grid, x, y, 45.0)
+    assert coarse.shape == grid.shape and not coarse[0, 125]
+    assert (distance[plain & (coarse != below)] - 100.0 < 4.0).all()
+    assert coarse.sum() == pytest.approx(np.pi * 100.0**2, rel=0.02)
+
+
+def test_the_stated_angles_are_those_that_99_95_and_50_percent_of_the_blocks_stop_above() -> None:
+    angles = np.append(np.arange(0.0, 101.0), np.nan)
+    assert stated_angles(angles).tolist() == pytest.approx([1.0, 5.0, 50.0])
+    assert not stated_angles(np.array([np.nan])).size
 
 
 def ended(point: int, blocks: int, weight: int) -> ChunkResult:

@@ -11,6 +11,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import geopandas as gpd
 import numpy as np
 import pandas as pd
 import pytest
@@ -20,10 +21,18 @@ from helpers.zone_slope import Case, box, place, two_areas
 import sassgis
 from sassgis.hazard.curves import return_period
 from sassgis.outputs.qgis.run_project import onset_words
-from sassgis.report.map_page import Contribution, in_steps, largest_shares, strongest_cells
+from sassgis.report.map_page import (
+    Contribution,
+    frames,
+    in_steps,
+    largest_shares,
+    strongest_cells,
+)
 from sassgis.report.protection_page import best_places
 from sassgis.runs.run import ZoneResult
 from sassgis.settings.languages import in_language, translated
+from sassgis.settings.results import StopReason
+from sassgis.simulation.path_sample import BlockPath, sample_paths
 
 CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser")
 browser = pytest.mark.skipif(CHROMIUM is None, reason="needs Chromium (Debian: chromium)")
@@ -175,8 +184,8 @@ def test_a_cell_says_what_the_maps_hold(zoned: Zoned, opened: Callable[..., Any]
         # A zone is nowhere below its cells.
         zone = re.search(r"^Zone: (.*)$", text, re.MULTILINE)
         assert zone is not None and labels.index(zone[1]) >= int(at.hazard_level) - 1
-        chance = re.search(r"with a chance of ([\d.]+) %", text)
-        assert chance is not None
+        chance = re.search(r"with a probability of ([\d.]+) %", text)
+        assert chance is not None, text
         assert float(chance[1]) == pytest.approx(100 * float(at.confidence_change_chance), abs=0.6)
         for energy, words in ((0.0, "any block"), (30.0, "30 kJ and more")):
             years = float(return_period(curves.rate[k, curves.column(energy)]))
@@ -212,7 +221,7 @@ def test_objects_nets_areas_and_paths_can_be_asked(
       shape_found(shape);
       out[shape.kind + " " + shape.name] = get("found").innerText;
     }
-    follow(0); get("place").value = 500; step();
+    follow(0);
     out.path = [get("found").innerText, get("where").textContent, get("follow").hidden];
     // As a finger does it: on the lines that are drawn.
     const lines = [...document.querySelectorAll("path.leaflet-interactive")];
@@ -249,9 +258,106 @@ def test_objects_nets_areas_and_paths_can_be_asked(
     assert zones and all("Governed by" in text for text in zones)
     about, where, hidden = found["path"]
     assert "Path of a block: " in about and not hidden
-    assert re.fullmatch(r"chainage \d+ m; ground at \d+ m; block above the ground [\d.]+ m", where)
+    ending = r"block above the ground [\d.]+ m; speed [\d.]+ m/s"
+    assert re.fullmatch(rf"chainage \d+ m; ground at \d+ m; {ending}", where)
     assert found["clicked"] and "No simulated block comes here." in found["nothing"]
     assert "kJ" in found["legend"] and re.fullmatch(r"#-?[\d.]+,-?[\d.]+", found["hash"])
+
+
+def test_a_falling_block_is_where_it_is_at_its_time() -> None:
+    """One that sinks by 4 m/s for 1.2 s, known at uneven times."""
+    t = np.array([0.0, 0.3, 0.55, 1.0, 1.2])
+    rest = np.zeros(t.size)
+    path = BlockPath(
+        "a", "s", t, rest, rest, 100.0 - 4.0 * t, StopReason.REST, 0.0, 1.2, 1.0, 1.0, 4.0, 1.0
+    )
+    x, _, z, speed = frames(path, 0.5)
+    assert x.tolist() == [0.0] * 4 and z.tolist() == pytest.approx([100.0, 98.0, 96.0, 95.2])
+    assert speed.tolist() == pytest.approx([4.0, 4.0, 1.6, 0.0])
+
+
+@browser
+def test_blocks_move_in_time_and_have_the_colour_of_their_speed(
+    zoned: Zoned, opened: Callable[..., Any]
+) -> None:
+    result, page = zoned
+    script = """
+    const out = { blocks: blocks.map(b => [b.area, b.scenario, b.points, b.z, b.speed]), seen: [] };
+    const plain = line => line.map(p => [p.lat, p.lng]);
+    const lines = () => trails.map(trail => trail.getLatLngs().map(plain));
+    out.hidden = [boxes.path.checked, map.hasLayer(groups.path), boxes.point.checked];
+    const to = at => { time.value = at; time.dispatchEvent(new Event("input")); };
+    for (const at of [0, 4, time.max]) {
+      to(at);
+      out.seen.push([lines(), get("clock").textContent]);
+    }
+    out.shown = [boxes.path.checked, map.hasLayer(groups.path)];
+    area.value = "north"; area.dispatchEvent(new Event("change"));
+    out.north = shown.map(b => b.area);
+    out.all = [area.options[0].text, area.options.length];
+    play.focus(); play.click();
+    out.play = [document.activeElement.id, play.textContent, time.tabIndex, play.tabIndex];
+    play.click();
+    out.pause = play.textContent;
+    out.limits = limits; out.step = step; out.corner = [west, south];
+    return out;
+    """
+    left = opened(page, script)
+    run, planned = result.run.run, result.run.planned
+    paths = sample_paths(run, planned, 100)
+    assert len(paths) == len(left["blocks"]) > 5
+    west, south = left["corner"]
+    step, limits = left["step"], np.array(left["limits"])
+    for path, (area, scenario, points, z, speed) in zip(paths, left["blocks"], strict=True):
+        assert (area, scenario) == (path.area, path.scenario) and (np.diff(path.t) >= 0.0).all()
+        times = np.minimum(np.arange(len(points)) * step, path.t[-1])
+        assert 0.0 <= path.t[-1] - path.t[0] - step * (len(points) - 2) <= step
+        expected = [np.interp(times, path.t, v) for v in (path.y - south, path.x - west, path.z)]
+        assert np.allclose(np.column_stack([points, z]).T, expected, atol=0.06)
+        assert max(speed) <= path.max_speed_mps + 0.06 and min(speed) >= 0.0
+    # Each section has the colour of the class of its speed; at first there is none.
+    assert left["hidden"] == [False, False, False] and left["shown"] == [True, True]
+    assert [clock for _, clock in left["seen"]][:2] == ["0.0 s", "1.0 s"]
+    length = [
+        sum(np.hypot(*np.diff(line, axis=0).T).sum() for lines in seen for line in lines)
+        for seen, _ in left["seen"]
+    ]
+    assert length[0] == 0.0 < length[1] < length[2]
+    for number, lines in enumerate(left["seen"][2][0]):
+        for line in lines:
+            for begin in line[:-1]:
+                own = [
+                    speed[points.index(begin)]
+                    for *_, points, _, speed in left["blocks"] if begin in points
+                ]  # fmt: skip
+                assert number in np.searchsorted(limits, own, side="right") - 1
+    assert set(left["north"]) == {"north"} and left["all"] == ["All release areas", 3]
+    assert left["play"] == ["play", "Pause", 0, 0] and left["pause"] == "Play"
+
+
+@browser
+def test_release_points_and_the_energy_line_are_layers(
+    zoned: Zoned, opened: Callable[..., Any]
+) -> None:
+    result, page = zoned
+    script = """
+    const line = data.shapes.filter(shape => shape.kind === "energy_line");
+    const on = map.hasLayer(groups.energy_line);
+    boxes.energy_line.click();
+    return [on, map.hasLayer(groups.energy_line), line.map(s => [s.rows, s.parts]), data.points];
+    """
+    on, then, ((rows, parts),), points = opened(page, script)
+    assert (on, then) == (False, True)
+    own = result.run.planned.points
+    assert np.allclose(points, np.column_stack([own.x, own.y]), atol=0.06)
+    layer = gpd.read_file(page.with_name("result.gpkg"), layer="energy_line")
+    assert rows == [["reach angle", f"{layer['angle_deg'][0]:.1f}°"]]
+    drawn = shapely.MultiPolygon([shapely.Polygon(part[0], part[1:]) for part in parts])
+    assert drawn.symmetric_difference(layer.geometry[0]).area < 0.05 * drawn.area
+    stops = gpd.read_file(page.with_name("result.gpkg"), layer="stops")
+    at_rest = stops[stops["end"].isin(("rest", "barrier"))]
+    # 99 % of the blocks are seen above the angle, so that they lie below the line.
+    assert at_rest.within(layer.geometry[0].buffer(3.0)).mean() > 0.97
 
 
 @browser
@@ -259,10 +365,18 @@ def test_the_page_fits_a_phone(zoned: Zoned, opened: Callable[..., Any]) -> None
     script = """
     cell_found(...data.extent.slice(0, 2).map((v, i) => (v + data.extent[i + 2]) / 2));
     const size = get("map").getBoundingClientRect(), text = getComputedStyle(get("found"));
+    const inside = one => {
+        const box = document.querySelector(one).getBoundingClientRect();
+        return box.left >= 0 && box.right <= innerWidth && box.height > 0;
+    };
+    const signs = [".leaflet-control-scale-line", "#play", "#time", "#clock", "#area"];
+    const whole = signs.every(inside);
     return [innerWidth, document.documentElement.scrollWidth, size.width, size.height,
-        get("found").getBoundingClientRect().top >= size.bottom, parseFloat(text.fontSize)];
+        get("found").getBoundingClientRect().top >= size.bottom, parseFloat(text.fontSize), whole];
     """
-    width, scrolled, map_width, map_height, below, letters = opened(zoned[1], script, width=390)
+    given = opened(zoned[1], script, width=390)
+    width, scrolled, map_width, map_height, below, letters, whole = given
+    assert whole
     assert width == 390 and scrolled <= 390 and 370 <= map_width <= 390
     assert map_height > 250 and below and letters >= 16
 

@@ -17,6 +17,7 @@ from scipy import ndimage
 
 from sassgis.files.vector_layer import VectorLayer, described_layer
 from sassgis.grid import FloatArray, Grid
+from sassgis.hazard.sources import ReachAngles, below_energy_line, stated_angles
 from sassgis.inputs.dem import affine_of
 from sassgis.settings import styles
 from sassgis.settings.languages import phrase
@@ -304,6 +305,21 @@ def footprint(run: MapRun, layers: Sequence[RasterLayer]) -> VectorLayer:
     style = styles.categorised_style(styles.FOOTPRINT_STYLE.symbol, "label", colours)
     shapes, width = list(outlines.values()), run.grid.cell_size
     return described_layer("footprint", columns, shapes, run.grid.crs, style, ref_width_m=width)
+
+
+def energy_line(run: MapRun, planned: Plan, angles: ReachAngles) -> VectorLayer:
+    """Return the ground below the line of the reach angle that 99 % of the blocks stop above."""
+    shapes, stated = [], stated_angles(angles.reach_deg)[:1]
+    for angle in stated:
+        points = planned.points
+        below = below_energy_line(run.heights, points.x, points.y, float(angle))
+        parts = [part for part, _ in cell_outlines(below.astype(np.uint8), run.grid)]
+        shapes.append(shapely.MultiPolygon(parts))
+    columns = {
+        "angle_deg": np.round(stated, 2),
+        "area_m2": np.array([shape.area for shape in shapes], float),
+    }
+    return described_layer("energy_line", columns, shapes, run.grid.crs, styles.ENERGY_LINE_STYLE)
 
 
 def all_layers(

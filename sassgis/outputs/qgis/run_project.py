@@ -142,7 +142,7 @@ def write_run_project(
         ),
         LayerGroup("Exposed objects", entries(*_EXPOSED, visible=not zoned)),
         *groups,
-        LayerGroup("Footprint", entries("footprint", visible=False)),
+        LayerGroup("Footprint", entries("energy_line", "footprint", visible=False)),
         LayerGroup("Maps", maps, exclusive=True),
         *base,
         LayerGroup("Terrain", (LayerEntry(terrain, "maps/terrain.tif"),)),

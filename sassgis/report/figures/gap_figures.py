@@ -146,9 +146,7 @@ def gap_map_figure(
         if len(station.trace)
     ]
     marks = map_marks.MapMarks(list(release[:, None]), names=names)
-    sheet, axes = draw_maps(
-        view, panels, marks, "Where the gap lies", [text], taken=view.holds(points), more=draw
-    )
+    sheet, axes = draw_maps(view, panels, marks, "Where the gap lies", [text], more=draw)
     if gaps:
         colour_bar(axes, panels[0], unit)
     return finish(sheet, axes, marks, view)

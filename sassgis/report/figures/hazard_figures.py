@@ -284,22 +284,19 @@ def _label_axes(ax: Axes, preset: HazardPreset) -> None:
 @style.house_style()
 def blocks_figure(history: Sequence[tuple[int, float]], limit: float) -> Figure:
     """Draw the share of the zoned area that another sample changes against the blocks."""
-    figure = style.new_figure(0.5 * style.WIDTH_IN, 2.2)
+    figure = style.new_figure(style.WIDTH_IN, 2.6)
     ax = figure.subplots()
     blocks, shares = (np.array(values, np.float64) for values in zip(*history, strict=True))
     ax.axhline(100.0 * limit, color=style.VERMILION, linewidth=0.8)
     ax.plot(blocks, 100.0 * shares, "o-", color=style.BLUE, markersize=4, linewidth=1.1)
+    # Room for ticks on both sides, also where the rounds are few.
+    left, right = blocks[0] / 2.0, 2.0 * blocks[-1]
     ax.set(
-        xscale="log", xlabel="simulated blocks",
-        yscale="log", ylabel="changed by another seed (%)",
+        xscale="log", xlim=(left, right), xlabel="simulated blocks",
+        ylim=(0.0, 110.0 * max(limit, *shares)), ylabel="changed by another seed (%)",
     )  # fmt: skip
-    style.log_ticks(ax.xaxis, np.log10(blocks[-1] / blocks[0]))
-    for axis in (ax.xaxis, ax.yaxis):
-        axis.set_minor_locator(NullLocator())
-    ax.yaxis.set_major_formatter("{x:g}")
-    low, high = ax.get_ylim()
-    shown = (0.5, 1.0, 2.0, 5.0, 10.0, 20.0, 50.0, 100.0)
-    ax.set_yticks([tick for tick in shown if low <= tick <= high])
+    style.log_ticks(ax.xaxis, np.log10(right / left))
+    ax.xaxis.set_minor_locator(NullLocator())
     return figure
 
 
@@ -477,41 +474,40 @@ _PALE = 0.65
 def _class_maps(
     grid: Grid,
     panels: Sequence[map_figure.MapPanel],
-    legends: Sequence[tuple[str, Sequence[Patch]]],
+    signs: Sequence[Patch],
     marks: MapMarks,
     title: str,
-    note: str,
+    *,
+    note: str = "",
+    columns: int = 0,
 ) -> Figure:
-    """Draw maps of classes: one with its legend next to it, several with legends below them."""
+    """Draw maps of classes: one with its legend next to it, several with it below them."""
     values = [panel.values for panel in panels if panel.values is not None]
     seen = np.where(np.any(np.isfinite(values), axis=0), 1.0, np.nan)
     view = view_of(grid, footprint(grid, seen, all_points(marks.release)))
     notes = [note, marks.key(), map_figure.coarse_note(view, "highest class")]
-    sheet, axes = map_figure.draw_maps(view, panels, marks, title, notes)
+    sheet, axes = map_figure.draw_maps(view, panels, marks, title, notes, columns=columns)
     if len(panels) == 1:
-        map_figure.legend_beside(axes[0], legends[0][1], legends[0][0])
+        map_figure.legend_beside(axes[0], signs, "")
     else:
-        for heading, signs in reversed(legends):
-            sheet.legend(signs, heading)
+        sheet.legend(signs)
     return map_figure.finish(sheet, axes, marks, view)
 
 
 @style.house_style()
-def intensity_figure(
-    grid: Grid, layers: Sequence[RasterLayer], marks: MapMarks, note: str = ""
-) -> Figure:
+def intensity_figure(grid: Grid, layers: Sequence[RasterLayer], marks: MapMarks) -> Figure:
     """Draw maps of the classes of the first side by side, each below its title."""
     panels = [
         map_figure.class_panel(layer.bands[0].values, layer.classes, layer.title)
         for layer in layers
     ]
-    legend = ("", map_figure.class_signs(layers[0].classes))
-    return _class_maps(grid, panels, [legend], marks, "Intensity by return period", note)
+    signs = map_figure.class_signs(layers[0].classes)
+    return _class_maps(grid, panels, signs, marks, "Intensity by return period")
 
 
 @style.house_style()
 def confidence_figure(
-    grid: Grid, level: RasterLayer, uncertain: NDArray[np.bool_], marks: MapMarks, note: str = ""
+    grid: Grid, level: RasterLayer, uncertain: NDArray[np.bool_], marks: MapMarks
 ) -> Figure:
     """Draw the hazard level, with fine black lines over the cells whose level is uncertain."""
     values, classes = level.bands[0].values, level.classes
@@ -520,10 +516,10 @@ def confidence_figure(
     reached = np.isfinite(panel.values)
     share = int((uncertain & reached).sum()) / max(int(reached.sum()), 1)
     text = "Statistically uncertain: {} % of the cells that have a level."
-    note = joined(" ", filter(None, (phrase(text, f"{100.0 * share:.1f}"), note)))
-    legend = ("", map_figure.class_signs(classes, "statistically uncertain"))
+    note = phrase(text, f"{100.0 * share:.1f}")
+    signs = map_figure.class_signs(classes, "statistically uncertain")
     title = "Levels that another random seed may change"
-    return _class_maps(grid, [panel], [legend], marks, title, note)
+    return _class_maps(grid, [panel], signs, marks, title, note=note)
 
 
 def level_changes(before: FloatArray, after: FloatArray) -> FloatArray:
@@ -541,7 +537,6 @@ def change_figure(
     *,
     names: tuple[str, str] = ("Without barriers", "With barriers"),
     title: str = "Hazard level without and with barriers",
-    note: str = "",
 ) -> Figure:
     """Draw two maps of the same classes, and where the level became lower or higher."""
     classes = before.classes
@@ -560,13 +555,11 @@ def change_figure(
         map_figure.class_panel(after.bands[0].values, classes, names[1]),
         map_figure.class_panel(change, kinds, "Change"),
     ]
-    legends = [
-        ("Level", map_figure.class_signs(classes)),
-        ("Change", map_figure.class_signs(kinds)),
-    ]
+    signs = [*map_figure.class_signs(classes), *map_figure.class_signs(kinds)]
     text = "Lower level: {} m²; same level: {} m²; higher level: {} m²."
-    note = joined(" ", filter(None, (phrase(text, *changes), note)))
-    return _class_maps(grid, panels, legends, marks, title, note)
+    note = phrase(text, *changes)
+    # In one row they are as legible on a sheet of A4 as in a report.
+    return _class_maps(grid, panels, signs, marks, title, note=note, columns=3)
 
 
 @style.house_style()
@@ -580,7 +573,6 @@ def map_change_figure(
     unit: str,
     ramp: str,
     title: str,
-    note: str = "",
 ) -> Figure:
     """Draw a map before and after, and the difference; NaN where no block comes.
 
@@ -604,7 +596,7 @@ def map_change_figure(
             ("After less before", change, changes),
         )
     ]
-    sheet, axes = map_figure.draw_maps(view, panels, marks, title, [note, marks.key()], columns=3)
+    sheet, axes = map_figure.draw_maps(view, panels, marks, title, [marks.key()], columns=3)
     below = {"location": "bottom", "shrink": 0.9}
     map_figure.colour_bar(axes[:2], panels[0], unit or "%", extend="max", **below)
     words = phrase("change ({})", phrase(unit or "percentage points"))

@@ -119,13 +119,11 @@ def draw_maps(
     notes: Sequence[str],
     *,
     columns: int = 0,
-    taken: NDArray[np.bool_] | None = None,
     more: Callable[[Axes], None] | None = None,
 ) -> tuple[style.Sheet, list[Axes]]:
     """Draw maps of one extent side by side; ``more`` draws what is neither value nor mark.
 
-    Maps have as many columns as make them largest. ``taken`` says, in a raster over the view,
-    where something is drawn if it is not where the panels have values.
+    Maps have as many columns as make them largest.
     """
     n = len(panels)
     columns = columns or columns_of(n, view.aspect, style.WIDTH_IN - 0.8, _MAX_HEIGHT_IN)
@@ -152,10 +150,7 @@ def draw_maps(
         if number + columns < n:
             ax.set_xlabel("")
         ax.set_title(panel.title, size=style.TEXT, pad=3.0)
-    if taken is None:
-        known = [np.isfinite(view.cut(p.values)) for p in panels if p.values is not None]
-        taken = np.any(known, axis=0) if known else np.zeros((1, 1), bool)
-    relief.scale_bar(axes[0], view.box, taken)
+    relief.scale_bar(axes[(rows - 1) * columns], view.box)
     return sheet, axes
 
 
@@ -272,10 +267,8 @@ def map_figure(
     grid: Grid,
     layer: RasterLayer,
     marks: map_marks.MapMarks | None = None,
-    *,
-    note: str | None = None,
 ) -> Figure:
-    """Draw the first band of a layer over the relief, with its note or another below."""
+    """Draw the first band of a layer over the relief; its note is for the caption."""
     marks = marks or map_marks.MapMarks()
     panel, values = _layer_panel(layer)
     corners = [shapely.get_coordinates(shapely.box(*p.bounds)) for p, _ in marks.zones]
@@ -284,12 +277,11 @@ def map_figure(
     )
     kind = "highest class" if layer.classes else "largest value"
     notes = [
-        layer.note if note is None else note, marks.left_out(),
-        "" if marks.zones else coarse_note(view, kind), marks.key(),
+        marks.left_out(), "" if marks.zones else coarse_note(view, kind), marks.key(),
     ]  # fmt: skip
     known = np.isfinite(view.cut(values))
     shown = replace(panel, values=None) if marks.zones else panel
-    sheet, axes = draw_maps(view, [shown], marks, layer.title, notes, taken=known)
+    sheet, axes = draw_maps(view, [shown], marks, layer.title, notes)
     (ax,) = axes
     if not known.any():
         ax.text(

@@ -11,13 +11,15 @@ from matplotlib.font_manager import FontProperties
 from matplotlib.offsetbox import AnchoredOffsetbox, AuxTransformBox, HPacker, TextArea, VPacker
 from matplotlib.patches import Rectangle
 from matplotlib.ticker import MultipleLocator
-from numpy.typing import NDArray
+from matplotlib.transforms import offset_copy
 
 from sassgis.grid import Bounds, FloatArray, Grid
 from sassgis.report.figures.style import INK, SMALL, round_step
 from sassgis.settings.languages import phrase
 from sassgis.settings.results import thousands
 
+#: Room of the coordinates below a map (points).
+_BELOW_PT = 19.0
 #: Longest side of a drawn raster in cells: more than the printed map has dots for.
 MAX_CELLS = 900
 
@@ -79,13 +81,6 @@ class MapView:
     def cut(self, values: FloatArray) -> FloatArray:
         """Cut the part out of an array of the grid's shape."""
         return values[self.rows, self.cols]
-
-    def holds(self, points: FloatArray) -> NDArray[np.bool_]:
-        """Find which of 40 by 40 fields of the map hold a point; coordinates of shape (n, 2)."""
-        west, south, east, north = self.box
-        sides = (-north, -south), (west, east)
-        found, *_ = np.histogram2d(-points[:, 1], points[:, 0], 40, sides)
-        return np.asarray(found > 0)
 
     def coarse(self, values: FloatArray, how: str) -> tuple[FloatArray, Bounds]:
         """Return values of the part as drawn, and their extent, which may reach beyond it."""
@@ -197,24 +192,11 @@ def map_axes(ax: Axes, extent: Bounds, parts: int = 5) -> None:
         label.set_verticalalignment("center")
 
 
-def emptiest_corner(occupied: NDArray[np.bool_], width: float, height: float) -> tuple[bool, bool]:
-    """Return the corner (right, top) of a raster in which a box (as shares) hides least."""
-    shares = (min(1.0, height), min(1.0, width))
-    rows, cols = (
-        max(1, int(np.ceil(n * share))) for n, share in zip(occupied.shape, shares, strict=True)
-    )
+def scale_bar(ax: Axes, box: Bounds) -> None:
+    """Draw scale bar and north arrow below a map on the left, where they hide nothing of it.
 
-    def hidden(corner: tuple[bool, bool]) -> int:
-        right, top = corner
-        part = occupied[:rows] if top else occupied[-rows:]
-        return int(np.count_nonzero(part[:, -cols:] if right else part[:, :cols]))
-
-    # Lower left first: where all corners are alike, that is where a reader looks for it.
-    return min(((False, False), (True, False), (False, True), (True, True)), key=hidden)
-
-
-def scale_bar(ax: Axes, box: Bounds, taken: NDArray[np.bool_]) -> None:
-    """Draw scale bar and north arrow in the corner that hides least of what is ``taken``."""
+    There they are also in sight where a narrow screen shows only a part of the map.
+    """
     width = box[2] - box[0]
     power = 10.0 ** np.floor(np.log10(0.25 * width))
     metres = max(m * power for m in (1.0, 2.0, 5.0) if m * power <= 0.25 * width)
@@ -226,12 +208,12 @@ def scale_bar(ax: Axes, box: Bounds, taken: NDArray[np.bool_]) -> None:
     words = TextArea(label, textprops={"size": SMALL, "gid": "scale"})
     north = TextArea("N\n▲", textprops={"size": SMALL, "ha": "center", "linespacing": 0.9})
     parts = VPacker(children=[words, bar], align="center", pad=0.0, sep=2.0)
-    right, top = emptiest_corner(taken, 0.4, 0.15)
     sign = AnchoredOffsetbox(
-        f"{'upper' if top else 'lower'} {'right' if right else 'left'}",
-        child=HPacker(children=[parts, north], align="center", pad=0.0, sep=8.0),
-        borderpad=0.5, prop=FontProperties(size=SMALL),
+        "upper left", child=HPacker(children=[parts, north], align="center", pad=0.0, sep=8.0),
+        bbox_to_anchor=(0.0, 0.0), bbox_transform=offset_copy(
+            ax.transAxes, ax.get_figure(root=True), x=0.0, y=-_BELOW_PT, units="points"
+        ),
+        borderpad=0.0, pad=0.0, frameon=False, prop=FontProperties(size=SMALL),
     )  # fmt: skip
-    sign.patch.set(alpha=0.85, edgecolor="none")
-    sign.set_zorder(20)
+    sign.set_clip_on(False)
     ax.add_artist(sign)

@@ -121,18 +121,17 @@ class Sheet:
         below = self._foot_in / whole
         engine.set(rect=(0.0, below, 1.0, 1.0 - below))  # type: ignore[call-arg]
 
-    def legend(self, signs: Sequence[Artist], heading: str = "") -> None:
+    def legend(self, signs: Sequence[Artist]) -> None:
         """Draw signs with their labels in rows over the note and what stands there."""
         widest = max(text_width_pt(str(sign.get_label())) for sign in signs) / 72.0 + 0.5
         columns = min(len(signs), max(1, int((WIDTH_IN - 0.3) / widest)))
         legend = self.figure.legend(
             handles=signs, ncols=columns, loc="lower left", bbox_to_anchor=(0.12, self._foot_in),
             bbox_transform=self.figure.dpi_scale_trans, borderaxespad=0.0, borderpad=0.0,
-            title=heading or None, title_fontproperties={"size": SMALL, "weight": "bold"},
             alignment="left", columnspacing=1.6,
         )  # fmt: skip
         legend.set_in_layout(False)
-        self._foot_in += 0.165 * (-(-len(signs) // columns) + bool(heading)) + 0.08
+        self._foot_in += 0.165 * -(-len(signs) // columns) + 0.08
         self.set_height(self._height_in)
 
 
