@@ -35,7 +35,7 @@ QUANTITIES: dict[str, tuple[str, FloatArray]] = {
     FORCE: ("kN", _ENERGY[1]),
     OVER: _ENERGY,
 }
-#: Quantities of all passages.
+#: Quantities of all passages; the others are counted at barriers only.
 OF_ALL = ("speed_mps", "rotation_hz", "height_m", "energy_kj", "mass_kg")
 
 
@@ -70,11 +70,9 @@ class ControlLineSums:
     def __init__(self, control_lines: tuple[ControlLine, ...]) -> None:
         self.control_lines = control_lines
         n = len(control_lines)
-        self._capacities, self._cushions = (
-            np.array([[line.capacity_kj, line.cushion_kpa] for line in control_lines], np.float64)
-            .reshape(-1, 2)
-            .T
-        )
+        self._built = np.array([line.kind != "station" for line in control_lines], np.bool_)
+        self._capacities = np.array([line.capacity_kj for line in control_lines], np.float64)
+        self._cushions = np.array([line.cushion_kpa for line in control_lines], np.float64)
         self._outcomes = np.zeros((n, len(Outcome)), np.int64)
         self._of: dict[str, dict[str, NDArray[Any]]] = {
             q: {
@@ -96,10 +94,18 @@ class ControlLineSums:
 
         Where release points were drawn at random, all passages of one are among them.
         """
+        self._add(passages, OF_ALL, weight, random_points)
+        barriers = passages[self._built[passages["control_line"]]]
+        self._add(barriers, [q for q in QUANTITIES if q not in OF_ALL], weight, random_points)
+        np.add.at(self._outcomes, (passages["control_line"], passages["outcome"]), weight)
+
+    def _add(
+        self, passages: NDArray[np.void], quantities: Sequence[str], weight: int, by_point: bool
+    ) -> None:
+        """Count some quantities of passages."""
         if not passages.size:
             return
         control_line = passages["control_line"]
-        np.add.at(self._outcomes, (control_line, passages["outcome"]), weight)
         energy = passages["energy_trans_kj"] + passages["energy_rot_kj"]
         outcome, into_roof = passages["outcome"], passages["roof_energy_kj"]
         cushion = self._cushions[control_line]  # only galleries have one
@@ -110,13 +116,14 @@ class ControlLineSums:
             FORCE: roof_force_kn(into_roof, passages["mass_kg"], cushion),
             OVER: np.where(outcome == Outcome.OVERTOPPED, energy, 0.0),
         }
-        for q, (_, edges) in QUANTITIES.items():
+        for q in quantities:
+            edges = QUANTITIES[q][1]
             values = computed[q] if q in computed else passages[q]
             bins = np.clip(np.searchsorted(edges, values, side="right") - 1, 0, edges.size - 2)
             own = self._of[q]
             np.add.at(own["counts"], (control_line, bins), weight)
             own["squares"] += _squares(
-                control_line, bins, weight, passages["line"] if random_points else None,
+                control_line, bins, weight, passages["line"] if by_point else None,
                 own["counts"].shape,
             )  # fmt: skip
             parts = np.divmod(np.rint(values * _PARTS).astype(np.int64), _PARTS)
