@@ -25,6 +25,7 @@ from sassgis.outputs.zone_tables import (
     protection_table,
     stays_above,
 )
+from sassgis.report.map_report import control_line_tables
 from sassgis.report.protection_page import needs_table
 from sassgis.settings.hazard_rules import HazardCurves, Source, SourceCounts
 from sassgis.settings.results import PASSAGE_DTYPE, ControlLine, Outcome
@@ -197,7 +198,8 @@ def test_table_of_protection_of_a_gallery_by_hand() -> None:
     rows["roof_energy_kj"][on_roof] = 100.0
     sums = ControlLineSums((gallery,))
     sums.add(rows)
-    row = protection_table([gallery], sampled(sums), sampled(sums), (3.0,), 2700.0).iloc[0]
+    needs = protection_table([gallery], sampled(sums), sampled(sums), (3.0,), 2700.0)
+    row = needs.iloc[0]
     assert row["hits_per_year"] == 0.5 and row["over_per_year"] == 0.25
     assert row["behind_per_year"] == 0.75
     # All on the roof alike; a cubic metre has a radius of 0.62 m.
@@ -210,6 +212,12 @@ def test_table_of_protection_of_a_gallery_by_hand() -> None:
     assert of_layer["force_kn_q95"] == pytest.approx(force, rel=0.06)
     assert (of_layer["hits"], of_layer["on_roof"], of_layer["overtopped"]) == (75, 50, 25)
     assert of_layer["rocks"] == 100 and of_layer["stopped"] == 25
+    sheet = needs_table(design_table([gallery], sampled(sums), (3.0,)).iloc[0], needs)
+    heads = [name for name, _ in sheet.columns]
+    assert heads[-3:] == ["energy of hits", "force on the roof", "energy over the top"]
+    assert str(sheet.rows[0][-2]).startswith(f"{row['force_kn']:.0f}") and sheet.rows[0][-1] is None
+    _, roofs = control_line_tables(sums)
+    assert roofs.rows[0][:5] == ("roof", 100, 25, 50, 25)
 
 
 def test_a_wall_is_loaded_by_what_it_stops_and_topped_by_the_rest() -> None:
