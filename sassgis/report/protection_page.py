@@ -218,22 +218,21 @@ def best_places(places: pd.DataFrame) -> tuple[pd.Series, pd.Series] | None:
     return energy, height
 
 
-#: Columns of protection.csv that stand in the sheets of some kinds of lines.
-_NEEDS = {
-    "net_class": ("energy class", "station net"),
-    "net_height_m": ("net height | m", "station net wall"),
-    BEHIND: ("energy behind it | kJ", "net"),
-    LOAD: ("energy of hits | kJ", "wall gallery"),
-    FORCE: ("force on the roof | kN", "gallery"),
-    OVER: ("energy over the top | kJ", "wall gallery"),
-}
+#: Columns of protection.csv in the sheets: key, title, and kinds of lines that have it.
+_NEEDS = (
+    ("net_class", "energy class", "station net"),
+    ("net_height_m", "net height | m", "station net wall"),
+    (BEHIND, "energy behind it | kJ", "net"),
+    (LOAD, "energy of hits | kJ", "wall"),
+    (LOAD, "energy into the roof | kJ", "gallery"),
+    (FORCE, "force on the roof | kN", "gallery"),
+    (OVER, "energy over the top | kJ", "wall gallery"),
+)
 
 
 def needs_table(arriving: pd.Series, needs: pd.DataFrame) -> ReportTable:
     """Tabulate what a line must take by return period; a dash where blocks come less often."""
-    shown = {
-        key: title for key, (title, kinds) in _NEEDS.items() if arriving["kind"] in kinds.split()
-    }
+    shown = {key: title for key, title, kinds in _NEEDS if arriving["kind"] in kinds.split()}
     rows = []
     for _, row in needs.iterrows():
         years = f"{row['return_period_years']:g}"

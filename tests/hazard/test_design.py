@@ -214,7 +214,7 @@ def test_table_of_protection_of_a_gallery_by_hand() -> None:
     assert of_layer["rocks"] == 100 and of_layer["stopped"] == 25
     sheet = needs_table(design_table([gallery], sampled(sums), (3.0,)).iloc[0], needs)
     heads = [name for name, _ in sheet.columns]
-    assert heads[-3:] == ["energy of hits", "force on the roof", "energy over the top"]
+    assert heads[-3:] == ["energy into the roof", "force on the roof", "energy over the top"]
     assert str(sheet.rows[0][-2]).startswith(f"{row['force_kn']:.0f}") and sheet.rows[0][-1] is None
     _, roofs = control_line_tables(sums)
     assert roofs.rows[0][:5] == ("roof", 100, 25, 50, 25)
