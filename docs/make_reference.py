@@ -56,9 +56,9 @@ _INTRO = {
     "with `volume_exponent`. Zones need an onset frequency ([hazard](hazard.md)).",
     "stations": "Control lines that record passing blocks, one section each. Place them by one of "
     "`line`, `file`, `chainage_m`.",
-    "barriers": "Walls and nets, one section each. `kind` and `height_m` are needed. `..._field` "
-    "names an attribute that holds the value of each feature. Names of stations and barriers "
-    "must differ.",
+    "barriers": "Walls, nets and [galleries](model.md#galleries), one section each. `kind` and "
+    "`height_m` are needed, of galleries also `width_m` and `cushion_kpa`. `..._field` names an "
+    "attribute that holds the value of each feature. Names of stations and barriers must differ.",
     "engine": "[Modelling assumptions](model.md#modelling-assumptions). Keys without a default "
     "take it from `readings`.",
     "profile": "For `sassgis profile`.",

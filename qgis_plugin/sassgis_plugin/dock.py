@@ -47,7 +47,7 @@ _COLUMNS = ("Name", "From m³", "To m³", "Per year")
 _COLOURS = {"good": "#1b7837", "look": "#b35806", "bad": "#b2182b", "none": "#6b6b6b"}
 #: Further layers: parameter of the algorithms, what it is, kind of geometry.
 _FURTHER = (
-    ("BARRIERS", "Walls and nets", QgsMapLayerProxyModel.LineLayer),
+    ("BARRIERS", "Walls, nets, galleries", QgsMapLayerProxyModel.LineLayer),
     ("STATIONS", "Stations", QgsMapLayerProxyModel.LineLayer),
     ("FOREST", "Forest", QgsMapLayerProxyModel.PolygonLayer),
     ("BUILDINGS", "Buildings", QgsMapLayerProxyModel.PolygonLayer),

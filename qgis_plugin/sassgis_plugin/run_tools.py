@@ -51,7 +51,7 @@ REF_WIDTH_M = 10.0
 _LAYERS = (
     ("RELEASE", "release_areas", "Release areas (name, scenario)", ANY_GEOMETRY),
     ("GROUND_LAYER", "ground", "Ground: polygons with their class", POLYGONS),
-    ("BARRIERS", "barriers", "Walls and nets (kind, height_m, capacity_kj)", LINES),
+    ("BARRIERS", "barriers", "Walls, nets, galleries (kind, height_m, ...)", LINES),
     ("STATIONS", "stations", "Stations where passing blocks are recorded (name)", LINES),
     ("FOREST", "forest", "Forest (stems_per_ha, dbh_cm)", POLYGONS),
     ("BUILDINGS", "buildings", "Buildings (value, persons, presence)", POLYGONS),

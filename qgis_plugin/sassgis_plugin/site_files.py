@@ -27,7 +27,9 @@ from .program import program_path, run
 #: them again.
 SITE_LAYERS: Mapping[str, tuple[str, ...]] = {
     "stations": ("name",),
-    "barriers": ("name", "kind", "height_m", "capacity_kj"),
+    "barriers": (
+        "name", "kind", "height_m", "capacity_kj", "width_m", "roof_slope_deg", "cushion_kpa",
+    ),
     "buildings": ("name", "value", "persons", "presence"),
     "roads": (
         "name", "value_per_m", "damage_length_m", "traffic_per_day", "speed_kmh",

@@ -135,8 +135,8 @@ class NewSite(_Writes):
     GROUP = GROUP
     WORDS = ("new",)
     HELP = (
-        "Writes a GeoPackage with empty layers: release areas, ground, walls and nets, stations, "
-        "forest, exposed objects. Their forms know the choices and limits of each attribute. Run "
+        "Writes a GeoPackage with empty layers: release areas, ground, barriers, stations, forest, "
+        "exposed objects. Their forms know the choices and limits of each attribute. Run "
         "and Zone take these layers as they are."
     )
 

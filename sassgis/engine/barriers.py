@@ -14,7 +14,7 @@ from sassgis.engine.state import BARRIER, CROSSING_DTYPE, Block, Output, Site, e
 from sassgis.grid import FloatArray, IntArray
 from sassgis.settings.results import Outcome
 
-PASSED, STOPPED, OVERTOPPED, BROKE_THROUGH, HELD_BY_NET = map(int, Outcome)
+PASSED, STOPPED, OVERTOPPED, BROKE_THROUGH, HELD_BY_NET, _ = map(int, Outcome)
 
 # Kinds of control line: no barrier, one that stops for good, one after which a block moves on from
 # rest.

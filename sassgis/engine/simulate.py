@@ -18,6 +18,7 @@ from sassgis.engine.effects.spawning import MOST_SPAWNED
 from sassgis.engine.ellipse import empty_table, outlined
 from sassgis.engine.ground_ahead import Path
 from sassgis.engine.kernel import Lines, Rows, Setup, Strata, Work
+from sassgis.engine.roofs import mark_roofs
 from sassgis.engine.state import EVENT_DTYPE, Physics
 from sassgis.engine.statistics import Disks, Exceedance, Objects, Totals, Wanted
 from sassgis.errors import InputError
@@ -448,6 +449,7 @@ def simulate(
     left = blocks_of(rows, log_events)
     # Where a given line lies on the map is not known here.
     left["passages"]["x_m"] = left["passages"]["y_m"] = np.nan
+    mark_roofs(left["passages"], crossings.control_lines, settings.gravity_mps2)
     return Simulated(
         cells=cells,
         **left_in_cells(totals, work, np.arange(cells.size)),

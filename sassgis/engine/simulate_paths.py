@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from sassgis.engine.cell_register import CELLS, WINDOWS, CellRegister, empty_register
 from sassgis.engine.ground_ahead import Path
 from sassgis.engine.kernel import Rows, Work
+from sassgis.engine.roofs import mark_roofs
 from sassgis.engine.simulate import (
     Simulated,
     blocks_of,
@@ -125,6 +126,7 @@ def follow(
     assert path is not None
     found = np.zeros(n) if wanted is None else wanted.found / max(setup.n_blocks - 1, 1)
     left = _named(terrain.grid, path.register, totals, rows, work, log_events)
+    mark_roofs(left.passages, lines, settings.gravity_mps2)
     return replace(left, worth=found)
 
 

@@ -59,6 +59,9 @@ _NAME = FieldInfo("name", description="name that no other feature has", needed=T
 _UNITS = {
     "height_m": "m",
     "capacity_kj": "kJ",
+    "width_m": "m",
+    "roof_slope_deg": "°",
+    "cushion_kpa": "kPa",
     "dbh_cm": "cm",
     "damage_length_m": "m",
     "speed_kmh": "km/h",
@@ -112,9 +115,14 @@ def site_layers() -> tuple[SiteLayer, ...]:
     barrier, forest = declared(BarrierSettings), declared(ForestPlace)
     barriers = {
         "name": _NAME,
-        "kind": FieldInfo("kind", "", "wall or net", ("wall", "net"), needed=True),
+        "kind": FieldInfo(
+            "kind", "", "wall, net or gallery", ("wall", "net", "gallery"), needed=True
+        ),
         "height_m": _stated(barrier["height_m"], needed=True),
-        "capacity_kj": _stated(barrier["capacity_kj"]),
+        **{
+            key: _stated(barrier[key])
+            for key in ("capacity_kj", "width_m", "roof_slope_deg", "cushion_kpa")
+        },
     }
     scenarios = FieldInfo("scenario", "", "block scenarios: a;b for several; empty: all")
     stands = {key: _stated(forest[key], needed=True) for key in ("stems_per_ha", "dbh_cm")}

@@ -294,14 +294,14 @@ def _with_attributes(item: StationSettings, feature: Feature) -> StationSettings
     stated: dict[str, Any] = {}
     for key, column in item.fields.items():
         text = feature.text(column)
-        if text is None:
-            if key != "capacity_kj" and getattr(item, key) is None:
-                raise feature.wrong("has no value", column, expected=f"its {key}")
-            continue
-        value = text if key == "kind" else feature.value(column)
-        stated[key] = value
+        if text is not None:
+            stated[key] = text if key == "kind" else feature.value(column)
     try:
-        return replace(item, **stated)
+        own = replace(item, **stated)
+        for key in own.needed:
+            if getattr(own, key) is None:
+                raise feature.wrong("has no value", own.fields[key], expected=f"its {key}")
+        return own
     except ConfigError as error:
         problem, field = f"{feature.label}: {error.problem}", item.fields.get(str(error.field))
         raise InputError(**error.parts(problem=problem, file=feature.file, field=field)) from None

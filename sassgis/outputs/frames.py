@@ -15,7 +15,7 @@ from sassgis.errors import OutputError
 from sassgis.files.atomic_output import writing
 from sassgis.grid import IntArray
 from sassgis.settings.map_run import BlockRows, MapRun
-from sassgis.settings.results import Contact, Outcome, StopReason, rounded
+from sassgis.settings.results import Contact, ControlLine, Outcome, StopReason, rounded
 from sassgis.simulation.path_sample import ProfileResult
 from sassgis.terrain.prepare import Plan
 
@@ -44,7 +44,7 @@ def rock_frame(rows: BlockRows, run: MapRun, planned: Plan) -> pd.DataFrame:
 def passage_frame(rows: BlockRows, run: MapRun, planned: Plan) -> pd.DataFrame:
     """Return a row per block and station or barrier, units in the names."""
     frame = _columns(rows.passages, np.array([b.name for b in run.blocks])[rows.passage_scenario])
-    _name_control_lines(frame, [line.name for line, _ in run.control_lines])
+    frame = _at_lines(frame, [line for line, _ in run.control_lines])
     frame.insert(0, "area", _areas(rows.passages["line"], planned))
     frame = frame.assign(weight=rows.passage_weight)
     return frame if run.followed else frame.drop(columns=list(_PLACE))
@@ -103,7 +103,7 @@ def profile_tables(result: ProfileResult, scenarios: Sequence[str]) -> ProfileTa
     ended = np.concatenate([result.rocks, result.pieces])
     names, own = np.array(scenarios), np.concatenate([result.scenario, result.piece_scenario])
     passages = _columns(result.passages, names[result.passage_scenario])
-    _name_control_lines(passages, [line.name for line, _ in result.profile.control_lines])
+    passages = _at_lines(passages, [line for line, _ in result.profile.control_lines])
     return ProfileTables(
         _columns(ended, names[own]).drop(columns="line"),
         passages.drop(columns=["line", *_PLACE]),
@@ -137,8 +137,12 @@ def _areas(line: IntArray, planned: Plan) -> NDArray[np.object_]:
     return np.array(planned.points.area_names, dtype=object)[planned.points.area[line]]
 
 
-def _name_control_lines(frame: pd.DataFrame, names: Sequence[str]) -> None:
-    frame["control_line"] = np.array(names, dtype=object)[frame["control_line"]]
+def _at_lines(frame: pd.DataFrame, lines: Sequence[ControlLine]) -> pd.DataFrame:
+    """Return passages with the names of the lines; energies into roofs only if there are any."""
+    names = np.array([line.name for line in lines], dtype=object)
+    frame["control_line"] = names[frame["control_line"]]
+    roofs = any(line.kind == "gallery" for line in lines)
+    return frame if roofs else frame.drop(columns="roof_energy_kj")
 
 
 #: What a spreadsheet takes for the beginning of a formula.

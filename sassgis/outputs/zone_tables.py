@@ -25,7 +25,7 @@ from sassgis.hazard.design import (
 from sassgis.hazard.sources import Sampled
 from sassgis.outputs.frames import table_of, without_formulas
 from sassgis.settings.results import ControlLine, rounded
-from sassgis.simulation.control_lines import BEHIND
+from sassgis.simulation.control_lines import BEHIND, FORCE, LOAD, OVER
 from sassgis.terrain.fall_lines import mean_height_m, moved_lines
 
 
@@ -135,6 +135,12 @@ def places_table(
     return table.sort_values(["line", "moved_m"], kind="stable", ignore_index=True)
 
 
+#: What is counted at barriers, and the name of how often it comes; a force comes with each hit.
+_AT_BARRIERS = {
+    BEHIND: "behind_per_year", LOAD: "hits_per_year", FORCE: "", OVER: "over_per_year",
+}  # fmt: skip
+
+
 def protection_table(
     control_lines: Sequence[ControlLine],
     without_barriers: Sequence[Sampled],
@@ -143,7 +149,7 @@ def protection_table(
     density_kgm3: float,
     confidence: float = 0.95,
 ) -> pd.DataFrame:
-    """Tabulate what a net at each line must be, and what passes the existing barriers.
+    """Tabulate what a net at each line must be, what loads the existing barriers and passes them.
 
     A row for each line and return period. Heights hold the whole block: the passing height and the
     diameter of the block whose mass comes as rarely, as a sphere of a density.
@@ -153,7 +159,11 @@ def protection_table(
         energies, heights, masses = (
             arrivals(without_barriers, i, q) for q in ("energy_kj", "height_m", "mass_kg")
         )
-        beyond = arrivals(with_barriers, i, BEHIND)
+        # What a barrier does: at stations nothing.
+        done = {
+            key: (name, arrivals(with_barriers, i, key) if line.kind != "station" else None)
+            for key, name in _AT_BARRIERS.items()
+        }
         for years in return_periods_years:
             rate = 1.0 / years
             energy, height = (_limited(curve, rate, confidence) for curve in (energies, heights))
@@ -169,15 +179,15 @@ def protection_table(
             row["block_m"] = rounded(size, 3)
             row |= _named("net_height_m", tuple(value + size for value in height))
             row["arrivals_per_year"] = rounded(energies.rate[0], 4)
-            behind: tuple[float, ...] = (float("nan"),) * 3
-            row["behind_per_year"] = float("nan")
-            if line.kind != "station":
-                # Blocks that a barrier takes lie in the first bin.
-                passing = float(beyond.rate[1])
-                row["behind_per_year"] = rounded(passing, 4)
-                if passing > rate:
-                    behind = _limited(beyond, rate, confidence)
-            rows.append(row | _named(BEHIND, behind))
+            for key, (name, curve) in done.items():
+                values: tuple[float, ...] = (float("nan"),) * 3
+                # Blocks without such a value lie in the first bin.
+                often = float("nan") if curve is None else float(curve.rate[1])
+                row |= {name: rounded(often, 4)} if name else {}
+                if curve is not None and often > rate:
+                    values = _limited(curve, rate, confidence)
+                row |= _named(key, values)
+            rows.append(row)
     return pd.DataFrame(rows)
 
 

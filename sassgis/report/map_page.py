@@ -184,6 +184,7 @@ _WORDS = {
     "station": "Station",
     "wall": "Wall",
     "net": "Net",
+    "gallery": "Gallery (safeguard tunnel)",
     "of_blocks": "of the blocks that come",
     "largest": "largest",
 }

@@ -213,7 +213,7 @@ def stopping_reasons(counts: IntArray) -> ReportTable:
     )
 
 
-#: Of stations and of barriers: title, columns, their keys in the rows, and note.
+#: Of stations, barriers and galleries: title, columns, their keys in the rows, and note.
 _CONTROL_LINE_TABLES = (
     (
         "Stations",
@@ -224,7 +224,7 @@ _CONTROL_LINE_TABLES = (
         "First downhill passage of each block.",
     ),
     (
-        "Walls and nets",
+        "Barriers",
         "barrier; kind; arriving blocks; hits; stopped; caught, moving again; over the top; "
         "break through; energy, 95 % | kJ; energy, 99 % | kJ; height, 95 % | m; height, 99 % | m",
         "name kind rocks hits stopped held_by_net overtopped broke_through energy_kj_q95 "
@@ -232,7 +232,20 @@ _CONTROL_LINE_TABLES = (
         "Energy (translation + rotation) and passing height of all blocks at their first "
         "arrival, also of those that pass over.",
     ),
+    (
+        "Roofs of galleries",
+        "gallery; arriving blocks; stopped at the uphill side; on the roof; over the whole width; "
+        "force, 95 % | kN; force, 99 % | kN; force, largest | kN",
+        "name rocks stopped on_roof overtopped force_kn_q95 force_kn_q99 force_kn_max",
+        "Static equivalent force of Labiouse, Descoeudres and Montani (1996) of the blocks that "
+        "land on the roof, at their first arrival. The formula was not checked against the text.",
+    ),
 )
+#: Kinds of lines of which a table holds rows.
+_KINDS = {
+    "Stations": ("station",), "Barriers": ("wall", "net", "gallery"),
+    "Roofs of galleries": ("gallery",),
+}  # fmt: skip
 
 
 def control_line_tables(control_lines: ControlLineSums, parts: LineParts = ()) -> list[ReportTable]:
@@ -244,7 +257,7 @@ def control_line_tables(control_lines: ControlLineSums, parts: LineParts = ()) -
         rows = [
             [row[key] for key in keys.split()]
             for row in control_line_rows(control_lines, parts)
-            if (row["kind"] == "station") == (title == "Stations")
+            if row["kind"] in _KINDS[title]
         ]
         if rows:
             tables.append(table_of(title, columns, rows, note))
@@ -315,7 +328,7 @@ def _pictures(
         pictures.append(picture(folder, f"map_{stem}", layer.title, caption, figure, alt))
     if furthest is not None:
         title = "Paths of blocks above the terrain"
-        caption = "Unrolled into one vertical plane. Walls and nets have their true height."
+        caption = "Unrolled into one vertical plane. Barriers have their true height."
         figure, alt = line_figure(furthest), path_alt(furthest)
         pictures.append(picture(folder, "profile_furthest", title, caption, figure, alt))
     caption = "Distance in plan along the path at which blocks stop, by reason."

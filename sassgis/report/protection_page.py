@@ -1,4 +1,4 @@
-"""Exposed objects, and a sheet of A4 for each wall, net and station.
+"""Exposed objects, and a sheet of A4 for each barrier and station.
 
 The words of the sheets are in ``data/protection.html.j2``.
 """
@@ -38,7 +38,7 @@ from sassgis.settings.exposure import PlacedObjects
 from sassgis.settings.hazard_rules import HazardPreset
 from sassgis.settings.languages import current_language, joined, phrase, translated
 from sassgis.settings.results import ControlLine
-from sassgis.simulation.control_lines import BEHIND
+from sassgis.simulation.control_lines import BEHIND, FORCE, LOAD, OVER
 
 #: Objects beyond this number are left out of the report.
 MOST_ROWS = 40
@@ -189,11 +189,11 @@ def protection_sheets(
                 "ground_m": here["ground_m"].iloc[0] if len(here) else None,
                 "rate": float(design["arrivals_per_year"].iloc[i]),
                 "blocks": int(design["rocks"].iloc[i]),
-                "behind": float(needs["behind_per_year"].iloc[0]) if built else None,
+                "yearly": needs.iloc[0],
                 "best": best_places(along),
                 "beyond": words_at_line(without_barriers, i),
                 "given": given,
-                "table": needs_table(design.iloc[i], needs, built),
+                "table": needs_table(design.iloc[i], needs),
                 "figure": picture(folder, f"protection_{i + 1}", "", "", drawn),
                 "moved": len(along) > 1,
                 "percent": f"{100 * confidence:g}",
@@ -218,29 +218,40 @@ def best_places(places: pd.DataFrame) -> tuple[pd.Series, pd.Series] | None:
     return energy, height
 
 
-def needs_table(arriving: pd.Series, needs: pd.DataFrame, built: bool) -> ReportTable:
+#: Columns of protection.csv in the sheets: key, title, and kinds of lines that have it.
+_NEEDS = (
+    ("net_class", "energy class", "station net"),
+    ("net_height_m", "net height | m", "station net wall"),
+    (BEHIND, "energy behind it | kJ", "net"),
+    (LOAD, "energy of hits | kJ", "wall"),
+    (LOAD, "energy into the roof | kJ", "gallery"),
+    (FORCE, "force on the roof | kN", "gallery"),
+    (OVER, "energy over the top | kJ", "wall gallery"),
+)
+
+
+def needs_table(arriving: pd.Series, needs: pd.DataFrame) -> ReportTable:
     """Tabulate what a line must take by return period; a dash where blocks come less often."""
-    columns = (
-        "return period | years; energy | kJ; energy class; passing height | m; block | m; "
-        "net height | m"
-    )
+    shown = {key: title for key, title, kinds in _NEEDS if arriving["kind"] in kinds.split()}
     rows = []
     for _, row in needs.iterrows():
         years = f"{row['return_period_years']:g}"
         own, high = row["net_class"], row["net_class_high"]
         size = row["block_m"]
-        cells: list[Cell] = [
-            years,
-            limited(row, "energy_kj"),
-            (own if high == own else phrase("{} to {}", own, high or "–")) or None,
-            limited(arriving, f"height_{years}y_m"),
-            None if pd.isna(size) else float(size),
-            limited(row, "net_height_m"),
-        ]
-        rows.append([*cells, limited(row, BEHIND)] if built else cells)
+        classes = (own if high == own else phrase("{} to {}", own, high or "–")) or None
+        rows.append(
+            [
+                years,
+                limited(row, "energy_kj"),
+                limited(arriving, f"height_{years}y_m"),
+                None if pd.isna(size) else float(size),
+                *(classes if key == "net_class" else limited(row, key) for key in shown),
+            ]
+        )
+    columns = "return period | years; energy | kJ; passing height | m; block | m"
     return table_of(
         "What is reached or exceeded once in the return period",
-        columns + ("; energy behind it | kJ" if built else ""),
+        "; ".join([columns, *shown.values()]),
         rows,
     )
 

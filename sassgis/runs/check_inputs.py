@@ -77,7 +77,9 @@ class InputReport:
 
     def as_dict(self) -> dict[str, Any]:
         """Return the report for programs."""
-        keys = ("name", "kind", "height_m", "capacity_kj")
+        keys = (
+            "name", "kind", "height_m", "capacity_kj", "width_m", "roof_slope_deg", "cushion_kpa",
+        )  # fmt: skip
         return {
             "configuration": self.config,
             "dem": self.dem,
@@ -135,6 +137,11 @@ class InputReport:
                 capacity = control_line.capacity_kj
                 limit = "no limit" if math.isinf(capacity) else f"{capacity:g} kJ"
                 text += f": {control_line.height_m:g} m high, {limit}"
+            if control_line.kind == "gallery":
+                text += (
+                    f", roof {control_line.width_m:g} m wide, slope "
+                    f"{control_line.roof_slope_deg:g} degrees, {control_line.cushion_kpa:g} kPa"
+                )
             built.append(text)
         out += built if every else _some(built)
         out += [f"notice         {text}" for text in self.notices]

@@ -42,6 +42,7 @@ class Outcome(IntEnum):
     OVERTOPPED = 2
     BROKE_THROUGH = 3
     HELD_BY_NET = 4
+    ON_ROOF = 5  # of a gallery
 
 
 #: One row per block, and per fragment or entrained block: ``piece`` is 0 for the
@@ -115,6 +116,7 @@ PASSAGE_DTYPE = np.dtype(
         ("energy_trans_kj", np.float64),
         ("energy_rot_kj", np.float64),
         ("mass_kg", np.float64),
+        ("roof_energy_kj", np.float64),  # of the motion into a gallery's roof, 0 without
         ("x_m", np.float64),  # place on the map where a path is followed; on given lines NaN
         ("y_m", np.float64),
     ]
@@ -126,20 +128,25 @@ class ControlLine:
     """A station or a barrier."""
 
     name: str
-    kind: Literal["station", "wall", "net"]
+    kind: Literal["station", "wall", "net", "gallery"]
     height_m: float = 0.0  # height of the top above the ground, vertical (m); unused for a station
     # Energy that the barrier takes (kJ); infinite if it stops every block that meets it.
     capacity_kj: float = float("inf")
     # Whether a block that the barrier takes is only brought to zero speed there and then moves on,
     # as the paper saw nets do, instead of being stopped for good.
     restarts_from_rest: bool = False
+    # Roof of a gallery, from its uphill edge on, which is the line.
+    width_m: float = 0.0  # downslope, in plan (m)
+    roof_slope_deg: float = 0.0
+    cushion_kpa: float = 0.0  # modulus of the cushion
 
     @property
     def described(self) -> str:
         """The name of a station; that of a barrier with its kind and height."""
         if self.kind == "station":
             return named(self.name)
-        text = "{} (wall, {} m)" if self.kind == "wall" else "{} (net, {} m)"
+        texts = {"net": "{} (net, {} m)", "gallery": "{} (gallery, {} m)"}
+        text = texts.get(self.kind, "{} (wall, {} m)")
         return phrase(text, self.name, f"{self.height_m:g}")
 
 

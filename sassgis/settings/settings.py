@@ -351,19 +351,27 @@ class StationSettings(Section):
         self._goes_with(("layer", "name_field"), "file", "file")
 
 
+#: Keys of a gallery's roof, and all keys of a barrier that its features may hold.
+_ROOF_KEYS = ("width_m", "roof_slope_deg", "cushion_kpa")
+_BARRIER_KEYS = ("kind", "height_m", "capacity_kj", *_ROOF_KEYS)
+
+
 @checked(frozen=True, slots=True)
 class BarrierSettings(StationSettings):
-    """A wall or a net; placed as a station is.
+    """A wall, a net or a gallery; placed as a station is.
 
-    Kind, height and capacity are one for all features, or attributes of each (``<key>_field``).
+    Values are one for all features, or attributes of each (``<key>_field``).
     """
 
-    kind: Annotated[Literal["wall", "net"] | None, "wall or net", Example("net")] = None
+    kind: Annotated[
+        Literal["wall", "net", "gallery"] | None, "wall, net or gallery", Example("net")
+    ] = None
     kind_field: FieldName = None
     height_m: Annotated[
         float | None,
-        Interval(gt=0, le=100),
-        "height of the top above the ground, vertical (m)",
+        Interval(ge=0, le=100),
+        "height of the top above the ground, vertical; of a gallery: of the uphill edge of its "
+        "roof, which may be 0 (m)",
         Example(4.0),
     ] = None
     height_m_field: FieldName = None
@@ -374,6 +382,27 @@ class BarrierSettings(StationSettings):
         Example(2000.0),
     ] = None
     capacity_kj_field: FieldName = None
+    width_m: Annotated[
+        float | None,
+        Interval(gt=0, le=200),
+        "galleries: width of the roof downslope of the line, in plan (m)",
+        Example(9.0),
+    ] = None
+    width_m_field: FieldName = None
+    roof_slope_deg: Annotated[
+        float | None,
+        Interval(ge=0, le=60),
+        "galleries: slope of the roof downhill (degrees); without a value it is level",
+        Example(10.0),
+    ] = None
+    roof_slope_deg_field: FieldName = None
+    cushion_kpa: Annotated[
+        float | None,
+        Interval(gt=0, le=1e6),
+        "galleries: modulus M_E of the cushion on the roof (kPa)",
+        Example(3200.0),
+    ] = None
+    cushion_kpa_field: FieldName = None
     restarts_from_rest: Annotated[
         bool,
         "whether blocks that it has stopped start again from rest, as below some nets",
@@ -382,28 +411,48 @@ class BarrierSettings(StationSettings):
 
     def _fits_together(self) -> None:
         StationSettings._fits_together(self)
-        for key in ("kind", "height_m", "capacity_kj"):
-            attribute = getattr(self, f"{key}_field")
-            self._goes_with((f"{key}_field",), "file", "file")
-            if key != "capacity_kj" and attribute is None and getattr(self, key) is None:
+        self._goes_with((f"{key}_field" for key in _BARRIER_KEYS), "file", "file")
+        for key in self.needed:
+            if getattr(self, f"{key}_field") is None and getattr(self, key) is None:
                 raise ConfigError(
                     "missing key", field=key, expected=declared(BarrierSettings)[key].description
                 )
+        if self.kind in (None, "gallery"):
+            return
+        for key in _ROOF_KEYS:
+            if (value := getattr(self, key)) is not None:
+                raise ConfigError(
+                    f"does not go with a {self.kind}", field=key, found=f"{value:g}",
+                    expected='a value for galleries (kind = "gallery") only',
+                )  # fmt: skip
+        if self.height_m == 0.0:
+            raise ConfigError(
+                f"a {self.kind} needs a height", field="height_m", found="0.0", expected="above 0"
+            )
+
+    @property
+    def needed(self) -> tuple[str, ...]:
+        """Keys that must have a value."""
+        of_roof = ("width_m", "cushion_kpa") if self.kind == "gallery" else ()
+        return ("kind", "height_m", *of_roof)
 
     @property
     def fields(self) -> dict[str, str]:
         """Attributes of single features, by key."""
-        stated = {key: getattr(self, f"{key}_field") for key in ("kind", "height_m", "capacity_kj")}
+        stated = {key: getattr(self, f"{key}_field") for key in _BARRIER_KEYS}
         return {key: field for key, field in stated.items() if field is not None}
 
     def control_line(self, name: str) -> ControlLine:
         """Return this barrier under the name of one of its features.
 
-        Kind and height must be stated: those of single features are put in by ``replace`` first.
+        What is needed must be stated: values of single features are put in by ``replace`` first.
         """
         assert self.kind is not None and self.height_m is not None
         capacity = math.inf if self.capacity_kj is None else self.capacity_kj
-        return ControlLine(name, self.kind, self.height_m, capacity, self.restarts_from_rest)
+        return ControlLine(
+            name, self.kind, self.height_m, capacity, self.restarts_from_rest,
+            **{key: getattr(self, key) or 0.0 for key in _ROOF_KEYS},
+        )  # fmt: skip
 
 
 #: The named sets of readings; None: as the ground class says.

@@ -226,6 +226,7 @@ BARRIER_STYLE = VectorStyle(
     (
         StyleClass("wall", _WALL, value="wall"),
         StyleClass("net", replace(_WALL, dash="dot"), value="net"),
+        StyleClass("gallery", replace(_WALL, dash="dash"), value="gallery"),
     ),
     label_column="name",
 )  # fmt: skip

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from sassgis.engine.roofs import roof_force_kn
 from sassgis.grid import FloatArray, IntArray
 from sassgis.settings.results import ControlLine, Histogram, Outcome, rounded
 from sassgis.simulation.map_sums import quantiles
@@ -19,6 +20,9 @@ _ENERGY = ("kJ", np.concatenate([[0.0], 30.0 * 10.0 ** (np.arange(-160, 241) / 4
 _PARTS = 1_000_000
 #: Energy with which a block goes on behind the line; 0 where a barrier takes it.
 BEHIND = "energy_behind_kj"
+#: Energy of a block that meets a wall or net, or of its motion into the roof of a gallery; the
+#: force on that roof; energy of a block that goes over the top, or over the whole gallery. Else 0.
+LOAD, FORCE, OVER = "load_kj", "force_kn", "energy_over_kj"
 #: Quantities of a passage: unit, and edges of their bins. Beyond the last edge counts in the last.
 QUANTITIES: dict[str, tuple[str, FloatArray]] = {
     "speed_mps": ("m/s", np.arange(0.0, 150.25, 0.25)),
@@ -27,7 +31,12 @@ QUANTITIES: dict[str, tuple[str, FloatArray]] = {
     "energy_kj": _ENERGY,
     "mass_kg": ("kg", np.concatenate([[0.0], 10.0 ** (np.arange(0, 281) / 40.0)])),
     BEHIND: _ENERGY,
+    LOAD: _ENERGY,
+    FORCE: ("kN", _ENERGY[1]),
+    OVER: _ENERGY,
 }
+#: Quantities of all passages; the others are counted at barriers only.
+OF_ALL = ("speed_mps", "rotation_hz", "height_m", "energy_kj", "mass_kg")
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,7 +70,9 @@ class ControlLineSums:
     def __init__(self, control_lines: tuple[ControlLine, ...]) -> None:
         self.control_lines = control_lines
         n = len(control_lines)
+        self._built = np.array([line.kind != "station" for line in control_lines], np.bool_)
         self._capacities = np.array([line.capacity_kj for line in control_lines], np.float64)
+        self._cushions = np.array([line.cushion_kpa for line in control_lines], np.float64)
         self._outcomes = np.zeros((n, len(Outcome)), np.int64)
         self._of: dict[str, dict[str, NDArray[Any]]] = {
             q: {
@@ -83,21 +94,36 @@ class ControlLineSums:
 
         Where release points were drawn at random, all passages of one are among them.
         """
+        self._add(passages, OF_ALL, weight, random_points)
+        barriers = passages[self._built[passages["control_line"]]]
+        self._add(barriers, [q for q in QUANTITIES if q not in OF_ALL], weight, random_points)
+        np.add.at(self._outcomes, (passages["control_line"], passages["outcome"]), weight)
+
+    def _add(
+        self, passages: NDArray[np.void], quantities: Sequence[str], weight: int, by_point: bool
+    ) -> None:
+        """Count some quantities of passages."""
         if not passages.size:
             return
         control_line = passages["control_line"]
-        np.add.at(self._outcomes, (control_line, passages["outcome"]), weight)
         energy = passages["energy_trans_kj"] + passages["energy_rot_kj"]
-        behind = energy_behind(energy, passages["outcome"], self._capacities[control_line])
-        for q, (_, edges) in QUANTITIES.items():
-            values = {"energy_kj": energy, BEHIND: behind}.get(q)
-            if values is None:
-                values = passages[q]
+        outcome, into_roof = passages["outcome"], passages["roof_energy_kj"]
+        cushion = self._cushions[control_line]  # only galleries have one
+        computed = {
+            "energy_kj": energy,
+            BEHIND: energy_behind(energy, outcome, self._capacities[control_line]),
+            LOAD: np.where(np.isin(outcome, _ON_BARRIER) & (cushion == 0.0), energy, into_roof),
+            FORCE: roof_force_kn(into_roof, passages["mass_kg"], cushion),
+            OVER: np.where(outcome == Outcome.OVERTOPPED, energy, 0.0),
+        }
+        for q in quantities:
+            edges = QUANTITIES[q][1]
+            values = computed[q] if q in computed else passages[q]
             bins = np.clip(np.searchsorted(edges, values, side="right") - 1, 0, edges.size - 2)
             own = self._of[q]
             np.add.at(own["counts"], (control_line, bins), weight)
             own["squares"] += _squares(
-                control_line, bins, weight, passages["line"] if random_points else None,
+                control_line, bins, weight, passages["line"] if by_point else None,
                 own["counts"].shape,
             )  # fmt: skip
             parts = np.divmod(np.rint(values * _PARTS).astype(np.int64), _PARTS)
@@ -178,6 +204,9 @@ def _squares(
     return out
 
 
+_ON_BARRIER = (Outcome.STOPPED, Outcome.HELD_BY_NET, Outcome.BROKE_THROUGH)
+
+
 def energy_behind(
     energy_kj: FloatArray, outcome: NDArray[np.uint8], capacity_kj: FloatArray
 ) -> FloatArray:
@@ -215,8 +244,11 @@ def trimmed(histogram: Histogram, bins: int = 15) -> Histogram:
     return Histogram(coarse, counts.reshape(groups, width).sum(axis=1), histogram.unit)
 
 
-#: Outcomes that are counted at walls and nets.
-BARRIER_OUTCOMES = (Outcome.STOPPED, Outcome.HELD_BY_NET, Outcome.OVERTOPPED, Outcome.BROKE_THROUGH)
+#: Outcomes that are counted at barriers.
+BARRIER_OUTCOMES = (
+    Outcome.STOPPED, Outcome.HELD_BY_NET, Outcome.OVERTOPPED, Outcome.BROKE_THROUGH,
+    Outcome.ON_ROOF,
+)  # fmt: skip
 
 
 #: Blocks of single sources at the same lines, and how much each of their blocks counts.
@@ -265,7 +297,8 @@ def control_line_rows(
             row["hits"] = control_lines.arrivals(i) - outcomes[Outcome.OVERTOPPED]
             for outcome in BARRIER_OUTCOMES:
                 row[outcome.name.lower()] = outcomes[outcome]
-        for quantity in (q for q in QUANTITIES if q != BEHIND):
+            row |= _force_row(control_lines, parts, i)
+        for quantity in OF_ALL:
             d = control_lines.distribution(i, quantity)
             if parts:
                 d = weighted_distribution(parts, i, quantity)
@@ -278,3 +311,19 @@ def control_line_rows(
                 row[f"{quantity}_{name}"] = rounded(value, 5)
         rows.append(row)
     return rows
+
+
+def _force_row(control_lines: ControlLineSums, parts: LineParts, line: int) -> dict[str, Any]:
+    """Return forces of the blocks that land on a roof; None without any."""
+    d = control_lines.distribution(line, FORCE)
+    if parts:
+        d = weighted_distribution(parts, line, FORCE)
+    # The first bin holds all other blocks.
+    counts = np.concatenate([[0], d.histogram.counts[1:]])
+    landed = replace(d, histogram=replace(d.histogram, counts=counts))
+    values = (*landed.quantile(0.95, 0.99), d.largest) if counts.any() else (None,) * 3
+    names = ("q95", "q99", "max")
+    return {
+        f"{FORCE}_{name}": None if value is None else rounded(value, 5)
+        for name, value in zip(names, values, strict=True)
+    }

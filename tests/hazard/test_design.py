@@ -25,6 +25,7 @@ from sassgis.outputs.zone_tables import (
     protection_table,
     stays_above,
 )
+from sassgis.report.map_report import control_line_tables
 from sassgis.report.protection_page import needs_table
 from sassgis.settings.hazard_rules import HazardCurves, Source, SourceCounts
 from sassgis.settings.results import PASSAGE_DTYPE, ControlLine, Outcome
@@ -166,7 +167,7 @@ def test_blocks_released_never_are_no_share_of_the_released() -> None:
 def test_a_sheet_of_a_net_that_no_block_reaches_has_dashes() -> None:
     idle = sampled(ControlLineSums((NET,)))
     needs = protection_table([NET], idle, idle, (30.0,), 2700.0)
-    table = needs_table(design_table([NET], idle, (30.0,)).iloc[0], needs, built=True)
+    table = needs_table(design_table([NET], idle, (30.0,)).iloc[0], needs)
     assert table.rows == (("30", *(None,) * 6),)
 
 
@@ -187,6 +188,48 @@ def test_table_of_protection_by_hand() -> None:
     assert often["behind_per_year"] == pytest.approx(0.25) and math.isnan(often["energy_behind_kj"])
     assert rare["energy_behind_kj"] == pytest.approx(59.0, abs=4.0)
     assert rare["arrivals_per_year"] == pytest.approx(1.0)
+
+
+def test_table_of_protection_of_a_gallery_by_hand() -> None:
+    """Of a hundred blocks, one a year in all: stopped, over it, half of them on the roof."""
+    gallery = ControlLine("roof", "gallery", 5.0, width_m=8.0, cushion_kpa=3200.0)
+    rows = passages([Outcome.STOPPED, Outcome.OVERTOPPED, Outcome.ON_ROOF, Outcome.ON_ROOF])
+    on_roof = rows["outcome"] == Outcome.ON_ROOF
+    rows["roof_energy_kj"][on_roof] = 100.0
+    sums = ControlLineSums((gallery,))
+    sums.add(rows)
+    needs = protection_table([gallery], sampled(sums), sampled(sums), (3.0,), 2700.0)
+    row = needs.iloc[0]
+    assert row["hits_per_year"] == 0.5 and row["over_per_year"] == 0.25
+    assert row["behind_per_year"] == 0.75
+    # All on the roof alike; a cubic metre has a radius of 0.62 m.
+    force = 1.765 * 3200.0**0.4 * 0.6204**0.2 * 100.0**0.6
+    assert row["force_kn"] == pytest.approx(force, rel=0.06) and row["load_kj"] <= 100.0
+    # What flies over comes once in four years, not in three.
+    assert pd.isna(row["energy_over_kj"])
+    of_layer = control_line_rows(sums)[0]
+    assert of_layer["force_kn_max"] == pytest.approx(force, rel=1e-3)
+    assert of_layer["force_kn_q95"] == pytest.approx(force, rel=0.06)
+    assert (of_layer["hits"], of_layer["on_roof"], of_layer["overtopped"]) == (75, 50, 25)
+    assert of_layer["rocks"] == 100 and of_layer["stopped"] == 25
+    sheet = needs_table(design_table([gallery], sampled(sums), (3.0,)).iloc[0], needs)
+    heads = [name for name, _ in sheet.columns]
+    assert heads[-3:] == ["energy into the roof", "force on the roof", "energy over the top"]
+    assert str(sheet.rows[0][-2]).startswith(f"{row['force_kn']:.0f}") and sheet.rows[0][-1] is None
+    _, roofs = control_line_tables(sums)
+    assert roofs.rows[0][:5] == ("roof", 100, 25, 50, 25)
+
+
+def test_a_wall_is_loaded_by_what_it_stops_and_topped_by_the_rest() -> None:
+    wall = ControlLine("dam", "wall", 4.0)
+    sums = ControlLineSums((wall,))
+    sums.add(passages([Outcome.OVERTOPPED, Outcome.STOPPED]))
+    row = protection_table([wall], sampled(sums), sampled(sums), (10.0,), 2700.0).iloc[0]
+    assert row["hits_per_year"] == row["over_per_year"] == 0.5
+    # A tenth a year above 80 kJ of each half.
+    assert row["load_kj"] == pytest.approx(80.0, rel=0.06)
+    assert row["energy_over_kj"] == pytest.approx(80.0, rel=0.06)
+    assert pd.isna(row["force_kn"]) and control_line_rows(sums)[0]["force_kn_max"] is None
 
 
 def test_a_line_moved_over_an_object_is_no_longer_above_it() -> None:

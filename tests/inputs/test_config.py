@@ -120,6 +120,8 @@ def test_defaults_in_comments_of_the_template_are_the_true_ones():
     assert checked >= 15
 
 
+NET = '[[barriers]]\nname = "road"\nchainage_m = 3\nkind = "net"\nheight_m = 2\n'
+
 WRONG = [
     ('dem = "dem.tif"', 'demm = "dem.tif"', ["terrain.demm", "unknown key", "'dem'"]),
     ("[terrain]", "[terain]", ["terain", "unknown key", "'terrain'"]),
@@ -153,14 +155,19 @@ WRONG = [
      ["stations[a].layer", "file as well"]),
     ("[terrain]",
      '[[barriers]]\nname = "a"\nchainage_m = 1\nheight_m = 3\nkind = "fence"\n[terrain]',
-     ["barriers[a].kind", "'fence'", "'wall' or 'net'"]),
+     ["barriers[a].kind", "'fence'", "'wall', 'net' or 'gallery'"]),
     ("[terrain]", '[[barriers]]\nname = "n"\nchainage_m = 1\nkind = "net"\n[terrain]',
      ["barriers[n].height_m: missing key"]),
+    ("[terrain]", NET.replace("= 2", "= 0") + "[terrain]",
+     ["barriers[road].height_m: a net needs a height"]),
+    ("[terrain]", NET + "width_m = 5\n[terrain]",
+     ["barriers[road].width_m: does not go with a net", "galleries"]),
+    ("[terrain]", NET.replace('"net"', '"gallery"') + "width_m = 5\n[terrain]",
+     ["barriers[road].cushion_kpa: missing key", "modulus M_E"]),
 ]  # fmt: skip
 
 
 STATION = '[[stations]]\nname = "road"\nchainage_m = 3\n'
-NET = '[[barriers]]\nname = "road"\nchainage_m = 3\nkind = "net"\nheight_m = 2\n'
 #: Whole files, whose sections do not go together or cannot be used.
 WHOLE = [
     (MINIMAL + ONE_BLOCK, ["blocks.name", "used twice", "large"]),

@@ -30,6 +30,7 @@ from sassgis.grid import Grid
 from sassgis.inputs.config import load_config
 from sassgis.inputs.vector_features import Feature, cells_under, steepest_slope_deg
 from sassgis.inputs.vectors import START_SLOPE_DEG, read_control_lines, read_release
+from sassgis.settings.results import ControlLine
 from sassgis.settings.settings import ReleaseSettings
 
 BLOCKS = ("large", "small")
@@ -313,6 +314,35 @@ file = "s.gpkg"
     np.testing.assert_array_equal(result[0][1], np.array(ROAD.coords))
     np.testing.assert_array_equal(result[2][1], [[WEST + 10, NORTH - 90], [WEST + 200, NORTH - 95]])
     assert result[2][1].dtype == np.float64
+
+
+BARRIERS = """
+[[barriers]]
+name = "b"
+file = "b.gpkg"
+kind_field = "kind"
+height_m_field = "height_m"
+width_m_field = "width_m"
+cushion_kpa_field = "cushion_kpa"
+"""
+
+
+def test_a_gallery_and_a_wall_of_one_layer(make_layer, control_lines):
+    columns = {"kind": ["gallery", "wall"], "height_m": [0.0, 3.0]}
+    empty = {"width_m": [8.0, None], "cushion_kpa": [3200.0, None]}
+    lines = [ROAD, ROAD.parallel_offset(20)]
+    make_layer(lines, "b.gpkg", **columns, **empty)
+    (gallery, _), (wall, _) = control_lines(BARRIERS)
+    assert gallery == ControlLine(
+        "b 1", "gallery", width_m=8.0, roof_slope_deg=0.0, cushion_kpa=3200.0
+    )
+    assert wall == ControlLine("b 2", "wall", 3.0)
+    make_layer(lines, "b.gpkg", **columns, **empty | {"width_m": [None, None]})
+    with one_line(InputError, "feature 1", "width_m", "has no value"):
+        control_lines(BARRIERS)
+    make_layer(lines, "b.gpkg", **columns, **empty | {"width_m": [8.0, 8.0]})
+    with one_line(InputError, "feature 2", "width_m", "does not go with a wall"):
+        control_lines(BARRIERS)
 
 
 @pytest.mark.parametrize(

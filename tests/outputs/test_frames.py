@@ -16,7 +16,7 @@ from sassgis.simulation.accumulators import joined_rows
 
 RUN = SimpleNamespace(
     blocks=[SimpleNamespace(name="small")], followed=True,
-    control_lines=[(SimpleNamespace(name="road"), None)],
+    control_lines=[(SimpleNamespace(name="road", kind="station"), None)],
 )  # fmt: skip
 PLANNED = SimpleNamespace(points=SimpleNamespace(area_names=["north"], area=np.zeros(1, int)))
 

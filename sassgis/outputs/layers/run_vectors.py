@@ -26,12 +26,17 @@ from sassgis.settings.results import (
     LINE_END_TEXT,
     STOP_TEXT,
     LineEnd,
-    Outcome,
     RasterLayer,
     StopReason,
 )
 from sassgis.simulation.accumulators import Progress, joined_lines, kept_stops
-from sassgis.simulation.control_lines import LineParts, control_line_rows
+from sassgis.simulation.control_lines import (
+    BARRIER_OUTCOMES,
+    FORCE,
+    OF_ALL,
+    LineParts,
+    control_line_rows,
+)
 from sassgis.simulation.path_sample import BlockPath
 from sassgis.terrain.prepare import Plan
 
@@ -222,17 +227,14 @@ def block_paths(paths: Sequence[BlockPath], crs: str) -> VectorLayer:
     return described_layer("paths", columns, shapes, crs, style)
 
 
-_QUANTITIES = ("speed_mps", "rotation_hz", "height_m", "energy_kj", "mass_kg")
-_OUTCOMES = [
-    o.name.lower()
-    for o in (Outcome.STOPPED, Outcome.HELD_BY_NET, Outcome.OVERTOPPED, Outcome.BROKE_THROUGH)
-]
+_OUTCOMES = [o.name.lower() for o in BARRIER_OUTCOMES]
+_FORCES = [f"{FORCE}_{name}" for name in ("q95", "q99", "max")]
 
 
 def control_line_layers(
     run: MapRun, progress: Progress, parts: LineParts = ()
 ) -> list[VectorLayer]:
-    """Return stations, and walls and nets, with the statistics of the blocks that reach them.
+    """Return stations, and barriers, with the statistics of the blocks that reach them.
 
     With ``parts`` these are of blocks that count by their frequency.
     """
@@ -240,8 +242,8 @@ def control_line_layers(
     kinds = [line.kind for line, _ in run.control_lines]
     stations = [i for i, kind in enumerate(kinds) if kind == "station"]
     barriers = [i for i, kind in enumerate(kinds) if kind != "station"]
-    statistics = [f"{q}_{n}" for q in _QUANTITIES for n in ("q50", "q95", "q99", "mean", "max")]
-    protection = ["height_m", "capacity_kj", "hits", *_OUTCOMES]
+    statistics = [f"{q}_{n}" for q in OF_ALL for n in ("q50", "q95", "q99", "mean", "max")]
+    protection = ["height_m", "capacity_kj", "hits", *_OUTCOMES, *_FORCES]
     layers = []
     for key, style, chosen, more in (
         ("stations", styles.STATION_STYLE, stations, []),
@@ -313,7 +315,7 @@ def energy_line(run: MapRun, planned: Plan, angles: ReachAngles) -> VectorLayer:
     for angle in stated:
         points = planned.points
         below = below_energy_line(run.heights, points.x, points.y, float(angle))
-        parts = [part for part, _ in cell_outlines(below.astype(np.uint8), run.grid)]
+        parts = [part for part, _ in cell_outlines(below.astype(np.uint8), affine_of(run.grid))]
         shapes.append(shapely.MultiPolygon(parts))
     columns = {
         "angle_deg": np.round(stated, 2),

@@ -78,7 +78,7 @@ def sheet_words(
         )),
         ("Release areas", ", ".join(a.name for a in run.areas)),
         ("Block scenarios", ", ".join(b.name for b in run.blocks)),
-        ("Walls and nets", phrase("counted: {}", ", ".join(walls)) if walls else phrase("none")),
+        ("Barriers", phrase("counted: {}", ", ".join(walls)) if walls else phrase("none")),
         ("Simulated blocks", f"{rocks}"),
         ("Contact", imprint.contact),
         ("Rights", imprint.rights),

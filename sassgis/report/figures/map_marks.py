@@ -19,7 +19,7 @@ from sassgis.settings.languages import named, phrase, translated
 from sassgis.settings.results import RasterClass, thousands
 from sassgis.settings.styles import BARRIER_STYLE, EDIT_STYLE
 
-#: Name, kind ("station", "wall" or "net") and line on the map, shape (n, 2), of a control line.
+#: Name, kind ("station", or of a barrier) and line on the map, shape (n, 2), of a control line.
 MapControlLine = tuple[str, str, FloatArray]
 
 #: Name of an exposed object and its geometry.
@@ -40,6 +40,7 @@ _CONTROL_LINE_LINE = {
     "station": (BLUE, "--", 1.4),
     "wall": (_BARRIER, "-", 2.2),
     "net": (_BARRIER, ":", 2.2),
+    "gallery": (_BARRIER, "--", 2.2),
 }
 
 
@@ -101,6 +102,7 @@ class MapMarks:
             "blue dashes: station": "station" in kinds,
             "green line: wall": "wall" in kinds,
             "green dots: net": "net" in kinds,
+            "green dashes: gallery": "gallery" in kinds,
             "brown: buildings and people": dimensions - {1},
             "white with a brown edge: roads and lines": 1 in dimensions,
         }
@@ -247,7 +249,7 @@ def draw_lines(
 
 
 def draw_control_lines(ax: Axes, control_lines: Sequence[MapControlLine]) -> None:
-    """Draw stations, walls and nets."""
+    """Draw stations and barriers."""
     for name, kind, xy in control_lines:
         colour, dashes, width = _CONTROL_LINE_LINE[kind]
         ax.plot(*xy.T, "-", color="white", lw=width + 1.6, zorder=8)

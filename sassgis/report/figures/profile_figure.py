@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from itertools import pairwise
@@ -137,7 +138,7 @@ def _draw_ground(ax: Axes, panel: ProfilePanel, floor: float) -> None:
 
 
 def _draw_control_lines(ax: Axes, panel: ProfilePanel, highest: float, pt: float) -> None:
-    """Draw stations over the full height, walls and nets at their true height."""
+    """Draw stations over the full height, barriers at their true height."""
     stations = [(line, s, z) for line, s, z in panel.control_lines if line.kind == "station"]
     room = np.array([style.text_width_pt(line.name) * pt for line, _, _ in stations])
     top = highest - 13.0 * pt
@@ -153,9 +154,13 @@ def _draw_control_lines(ax: Axes, panel: ProfilePanel, highest: float, pt: float
     for line, s, z in panel.control_lines:
         if line.kind == "station":
             continue
-        dashes = "-" if line.kind == "wall" else (0, (0.6, 0.35))
+        dashes = (0, (0.6, 0.35)) if line.kind == "net" else "-"
+        along, up = [s, s], [z, z + line.height_m]
+        if line.kind == "gallery":
+            along.append(s + line.width_m)
+            up.append(up[1] - line.width_m * math.tan(math.radians(line.roof_slope_deg)))
         ax.plot(
-            [s, s], [z, z + line.height_m], color=style.VERMILION, lw=2.4, ls=dashes, zorder=8,
+            along, up, color=style.VERMILION, lw=2.4, ls=dashes, zorder=8,
             solid_capstyle="butt", dash_capstyle="butt", gid=f"control_line-{line.name}",
         )  # fmt: skip
         words = line.described
