@@ -647,7 +647,7 @@ class OutputSettings(Section):
         Several[Annotated[float, Interval(gt=0)]],
         MinLen(1),
         "limits between the energy classes (kJ)",
-    ] = (30.0, 100.0, 300.0, 1000.0, 3000.0, 10_000.0)
+    ] = (30.0, 100.0, 300.0, 1000.0, 3000.0)
 
     def _fits_together(self) -> None:
         limits = self.energy_classes_kj
