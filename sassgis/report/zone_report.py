@@ -147,7 +147,7 @@ def zone_figures(
         add(
             "barriers",
             BARRIERS_TITLE,
-            joined(" ", (text, width)),
+            joined(" ", (phrase(text), width)),
             phrase("Without: {} With: {}", *(map_alt(grid, layer) for layer in both)),
             figures.change_figure(grid, both[0], both[1], marks, names=names),
         )
