@@ -40,7 +40,13 @@ from sassgis.settings.crs import crs_parts, parse_crs
 
 _GROUPS = (
     ("Stations and measures", ("stations", "barriers")),
-    ("Edits", ("edits",)),
+    (
+        "Edits",
+        (
+            "edits",
+            "assessed_area",
+        ),
+    ),
     ("Exposed objects", ("buildings", "people", "roads", "lines")),
     ("Release", ("release_areas",)),
     ("Forest", ("forest",)),

@@ -86,13 +86,13 @@ def test_the_forms_offer_what_may_be_entered(drawn: dict[str, Any]) -> None:
     offered = [next(iter(entry)) for entry in classes["config"]["map"]]
     assert offered == list(built_in_table().names)
     barriers = drawn["layers"]["barriers"]["form"]
-    assert [next(iter(e)) for e in barriers["kind"]["config"]["map"]] == ["wall", "net"]
+    assert [next(iter(e)) for e in barriers["kind"]["config"]["map"]] == ["wall", "net", "gallery"]
     assert barriers["height_m"]["widget"] == "Range"
     assert [barriers["height_m"]["config"][k] for k in ("Min", "Max")] == [0.0, 100.0]
     assert barriers["height_m"]["alias"] == "height (m)"
     # Not empty: 1; unique: 2.
     assert [barriers[k]["constraints"] for k in ("name", "kind", "capacity_kj")] == [3, 1, 0]
-    assert drawn["choices"] in (None, ["net", "wall"])
+    assert drawn["choices"] in (None, ["gallery", "net", "wall"])
 
 
 @pytest.mark.qgis
