@@ -15,7 +15,7 @@ from sassgis.errors import OutputError
 from sassgis.files.atomic_output import writing
 from sassgis.grid import IntArray
 from sassgis.settings.map_run import BlockRows, MapRun
-from sassgis.settings.results import Contact, ControlLine, Outcome, StopReason, rounded
+from sassgis.settings.results import ContactKind, ControlLine, Outcome, StopReason, rounded
 from sassgis.simulation.path_sample import ProfileResult
 from sassgis.terrain.prepare import Plan
 
@@ -118,14 +118,14 @@ def contact_frame(rows: NDArray[np.void], scenario: NDArray[np.str_]) -> pd.Data
     frame = _columns(rows, scenario)
     before, after = rows["energy_in_kj"], rows["energy_out_kj"]
     lost = np.full(rows.size, np.nan)
-    hit = (rows["kind"] == Contact.IMPACT) & (before > 0.0)
+    hit = (rows["kind"] == ContactKind.IMPACT) & (before > 0.0)
     np.divide(before - after, before, out=lost, where=hit)
     return frame.assign(energy_lost_share=lost).round(4)
 
 
 def _columns(rows: NDArray[np.void], scenario: NDArray[np.str_]) -> pd.DataFrame:
     frame = pd.DataFrame({name: rows[name] for name in rows.dtype.names or ()})
-    for column, kind in (("reason", StopReason), ("outcome", Outcome), ("kind", Contact)):
+    for column, kind in (("reason", StopReason), ("outcome", Outcome), ("kind", ContactKind)):
         if column in frame:
             frame[column] = [kind(int(own)).name.lower() for own in frame[column]]
     frame.insert(0, "scenario", scenario)

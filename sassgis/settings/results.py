@@ -71,7 +71,7 @@ ROCK_DTYPE = np.dtype(
 )
 
 
-class Contact(IntEnum):
+class ContactKind(IntEnum):
     """How a block is in contact with the ground."""
 
     IMPACT = 0

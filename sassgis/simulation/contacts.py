@@ -8,10 +8,10 @@ from numpy.typing import NDArray
 from sassgis.engine.ellipse import inertia
 from sassgis.engine.simulate import moving_axes
 from sassgis.engine.state import END, FLIGHT, IMPACT, ROLLING
-from sassgis.settings.results import CONTACT_DTYPE, Contact
+from sassgis.settings.results import CONTACT_DTYPE, ContactKind
 from sassgis.settings.settings import EngineSettings
 
-_KINDS = {IMPACT: Contact.IMPACT, ROLLING: Contact.ROLLING}
+_KINDS = {IMPACT: ContactKind.IMPACT, ROLLING: ContactKind.ROLLING}
 
 
 def contacts_of(log: NDArray[np.void], rock: np.void, engine: EngineSettings) -> NDArray[np.void]:
@@ -36,7 +36,7 @@ def contacts_of(log: NDArray[np.void], rock: np.void, engine: EngineSettings) ->
     begin, end = log[first], log[first + 1]
     out = np.zeros(first.size, CONTACT_DTYPE)
     out["rock"], out["contact"] = rock["rock"], np.arange(1, first.size + 1)
-    out["kind"] = [_KINDS.get(int(own), Contact.SLIDING) for own in begin["phase"]]
+    out["kind"] = [_KINDS.get(int(own), ContactKind.SLIDING) for own in begin["phase"]]
     out["t_s"], out["duration_s"] = begin["t_s"], end["t_s"] - begin["t_s"]
     out["chainage_m"], out["z_m"] = begin["x_m"], begin["z_m"]
     downhill = np.where(begin["ux"] < 0.0, -1.0, 1.0)

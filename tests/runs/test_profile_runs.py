@@ -21,7 +21,7 @@ from sassgis.inputs.config import load_config
 from sassgis.runs.inputs import profile_from_csv
 from sassgis.runs.profile_run import run_profile, simulate_profile
 from sassgis.runs.run import run
-from sassgis.settings.results import Contact
+from sassgis.settings.results import ContactKind
 from sassgis.simulation.path_sample import arrivals, passage_histogram, share_within
 
 
@@ -79,7 +79,7 @@ def test_contacts_lose_energy_and_flights_between_them_do_not(
     config = load_config(bedrina, {"engine.readings": readings})
     result = simulate_profile(config, profile_from_csv(config), rocks=40)
     rows, rocks = result.contacts, result.rocks
-    hit = rows["kind"] == Contact.IMPACT
+    hit = rows["kind"] == ContactKind.IMPACT
     # Soft landings are none of the impacts that a block counts.
     assert hit.sum() >= rocks["impacts"].sum() > 0
     lost = 1.0 - rows["energy_out_kj"][hit] / rows["energy_in_kj"][hit]
