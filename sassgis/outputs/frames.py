@@ -16,7 +16,7 @@ from sassgis.files.atomic_output import writing
 from sassgis.grid import IntArray
 from sassgis.settings.map_run import BlockRows, MapRun
 from sassgis.settings.results import ContactKind, ControlLine, Outcome, StopReason, rounded
-from sassgis.simulation.path_sample import ProfileResult
+from sassgis.simulation.path_sample import BlockPath, ProfileResult
 from sassgis.terrain.prepare import Plan
 
 #: Where a block passes a station on a followed path; on a fall line there is one place for all.
@@ -121,6 +121,20 @@ def contact_frame(rows: NDArray[np.void], scenario: NDArray[np.str_]) -> pd.Data
     hit = (rows["kind"] == ContactKind.IMPACT) & (before > 0.0)
     np.divide(before - after, before, out=lost, where=hit)
     return frame.assign(energy_lost_share=lost).round(4)
+
+
+def path_contacts(paths: Sequence[BlockPath]) -> pd.DataFrame:
+    """Return a row per contact of the blocks of a path sample, ``path`` as in their layer."""
+    sizes = [path.contacts.size for path in paths]
+    scenario, area = (
+        np.repeat(np.array([getattr(path, name) for path in paths]), sizes)
+        for name in ("scenario", "area")
+    )
+    frame = contact_frame(np.concatenate([path.contacts for path in paths]), scenario)
+    frame.insert(0, "path", np.repeat(np.arange(1, len(paths) + 1), sizes))
+    frame.insert(1, "area", area)
+    x, y = np.concatenate([path.contact_xy for path in paths]).T.round(2)
+    return frame.drop(columns="rock").assign(x_m=x, y_m=y)
 
 
 def _columns(rows: NDArray[np.void], scenario: NDArray[np.str_]) -> pd.DataFrame:

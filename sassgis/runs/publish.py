@@ -23,7 +23,7 @@ from sassgis.hazard.warnings import ground_shares
 from sassgis.hazard.zoning.applied_edits import shares_text
 from sassgis.inputs.dem import read_base_map
 from sassgis.inputs.result_folder import EDITS_FILE, RESULT_FILE, ZONE_FILE
-from sassgis.outputs.frames import passage_frame, rock_frame, write_table
+from sassgis.outputs.frames import passage_frame, path_contacts, rock_frame, write_table
 from sassgis.outputs.geopackage import write_geopackage
 from sassgis.outputs.layers import run_vectors
 from sassgis.outputs.layers.maps import map_layers, terrain_layer
@@ -289,6 +289,7 @@ def publish_map(
         vectors += [envelope, *exposed_layers(extras.placed, run.grid.crs)]
         if paths:
             vectors.append(run_vectors.block_paths(paths, run.grid.crs))
+            write_table(work / "tables" / "contacts.csv", [path_contacts(paths)])
         imprint = replace(config.project, date=made_on(config))
         words = run_project.sheet_words(
             run, progress.simulated, imprint, terrain_file=config.dem_source.name,

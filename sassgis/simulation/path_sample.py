@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -16,6 +16,7 @@ from sassgis.grid import FloatArray, Grid, IntArray
 from sassgis.settings.ground import GroundTable
 from sassgis.settings.map_run import Forest, MapRun
 from sassgis.settings.results import ControlLine, Histogram, ReleasePoints, StopReason, TraceSet
+from sassgis.simulation.contacts import contacts_of
 from sassgis.simulation.control_lines import ControlLineSums
 from sassgis.simulation.loop import blocks_on_lines, follow_blocks, on_known_ground, traced
 from sassgis.terrain.flatten import chainage_to_xy, profiles
@@ -104,6 +105,9 @@ class BlockPath:
     max_energy_kj: float
     max_speed_mps: float
     max_height_m: float
+    contacts: NDArray[np.void] = field(kw_only=True)  # CONTACT_DTYPE
+    # Shape (n_contacts, 2); where they are on the map (m).
+    contact_xy: FloatArray = field(kw_only=True)
 
 
 def _number(result: ProfileResult, control_line: str) -> int:
@@ -295,17 +299,24 @@ def _paths(
     name = planned.points.area_names[int(planned.points.area[which[0]])]
     for row, log in zip(result.rocks, result.event_logs, strict=True):
         t, s, z = trajectory(log, run.engine.gravity_mps2, _STEP_S)
+        met = contacts_of(log, row, run.engine)
         if prepared is None:
             chainage, east, north = _in_plan(run.heights, log)
             if chainage.size < 2:
                 continue
             x, y = np.interp(s, chainage, east), np.interp(s, chainage, north)
+            at = [np.interp(met["chainage_m"], chainage, way) for way in (east, north)]
         else:
             if s.size < 2:
                 continue
-            line = np.full(s.size, row["line"], np.int64)
+            line = np.full(max(s.size, met.size), row["line"], np.int64)
             length = prepared.length_m[int(row["line"])]
-            x, y = chainage_to_xy(prepared.lines, line, np.clip(s, 0.0, length))
+            x, y = chainage_to_xy(prepared.lines, line[: s.size], np.clip(s, 0.0, length))
+            places = np.clip(met["chainage_m"], 0.0, length)
+            at = [*chainage_to_xy(prepared.lines, line[: places.size], places)]
         facts = [float(row[fact]) for fact in _FACTS]
         reason = StopReason(int(row["reason"]))
-        yield BlockPath(name, run.blocks[scenario].name, t, x, y, z, reason, *facts)
+        scenario_name, xy = run.blocks[scenario].name, np.column_stack(at)
+        yield BlockPath(
+            name, scenario_name, t, x, y, z, reason, *facts, contacts=met, contact_xy=xy
+        )

@@ -31,7 +31,7 @@ from sassgis.report.map_page import (
 from sassgis.report.protection_page import best_places
 from sassgis.runs.run import ZoneResult
 from sassgis.settings.languages import in_language, translated
-from sassgis.settings.results import StopReason
+from sassgis.settings.results import CONTACT_DTYPE, StopReason
 from sassgis.simulation.path_sample import BlockPath, sample_paths
 
 CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser")
@@ -269,8 +269,9 @@ def test_a_falling_block_is_where_it_is_at_its_time() -> None:
     t = np.array([0.0, 0.3, 0.55, 1.0, 1.2])
     rest = np.zeros(t.size)
     path = BlockPath(
-        "a", "s", t, rest, rest, 100.0 - 4.0 * t, StopReason.REST, 0.0, 1.2, 1.0, 1.0, 4.0, 1.0
-    )
+        "a", "s", t, rest, rest, 100.0 - 4.0 * t, StopReason.REST, 0.0, 1.2, 1.0, 1.0, 4.0, 1.0,
+        contacts=np.zeros(0, CONTACT_DTYPE), contact_xy=np.zeros((0, 2)),
+    )  # fmt: skip
     x, _, z, speed = frames(path, 0.5)
     assert x.tolist() == [0.0] * 4 and z.tolist() == pytest.approx([100.0, 98.0, 96.0, 95.2])
     assert speed.tolist() == pytest.approx([4.0, 4.0, 1.6, 0.0])

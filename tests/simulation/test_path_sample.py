@@ -8,6 +8,7 @@ from xml.etree import ElementTree as ET
 
 import geopandas as gpd
 import numpy as np
+import pandas as pd
 import pytest
 import shapely
 from helpers.zone_slope import two_areas
@@ -58,6 +59,18 @@ def test_paths_fly_over_the_terrain(result: Result) -> None:
         assert above[known].max() < path.max_height_m + 1.5
         # Blocks start some metres down a fall line.
         assert 0.9 * path.runout_m < shapely.length(path.geometry) < path.runout_m + 3.0
+
+
+def test_contacts_lie_on_their_paths(result: Result) -> None:
+    done, paths, _ = result
+    contacts = pd.read_csv(done.folder / "tables" / "contacts.csv")
+    assert set(contacts["path"]) == set(range(1, len(paths) + 1))
+    for number, own in contacts.groupby("path"):
+        path = paths.iloc[int(str(number)) - 1]
+        assert set(own["area"]) == {path.area} and set(own["scenario"]) == {path.scenario}
+        points = shapely.points(own[["x_m", "y_m"]].to_numpy())
+        assert shapely.distance(points, shapely.force_2d(path.geometry)).max() < 0.05
+        assert own["t_s"].is_monotonic_increasing and own["t_s"].iloc[-1] <= path.time_s + 0.01
 
 
 def test_as_many_are_written_as_are_asked_for(
