@@ -253,7 +253,8 @@ def control_line_tables(control_lines: ControlLineSums, parts: LineParts = ()) -
     tables = []
     for title, columns, keys, note in _CONTROL_LINE_TABLES:
         if parts:
-            note = joined(" ", (note, "Onset frequencies weight the blocks in all values."))
+            more = phrase("Onset frequencies weight the blocks in all values.")
+            note = joined(" ", (phrase(note), more))
         rows = [
             [row[key] for key in keys.split()]
             for row in control_line_rows(control_lines, parts)

@@ -323,7 +323,7 @@ def test_zones_that_are_left_out_say_how_much_memory_they_need(tmp_path: Path) -
     mosaic: Any = SimpleNamespace(
         beside=54, place=Part(0, 0, 1000, 200), setting=SimpleNamespace(rules=rules)
     )
-    drawn, left_out = _zones_by_group(tmp_path, mosaic, far, 1, 1000, lambda _text: None)
+    drawn, left_out = _zones_by_group(tmp_path, mosaic, far, {}, 1, 1000, lambda _text: None)
     assert not drawn and len(left_out) == 2
     for text, need in left_out.items():
         assert f"need about {need / 1e9:.1f} GB of memory and were left out" in text
@@ -375,10 +375,10 @@ def test_an_area_without_barriers_left_the_same_with_and_without(
 def test_what_cannot_be_read_is_no_trouble_with_writing_zones(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
-    def gone(_mosaic: object, _areas: object) -> None:
+    def gone(_mosaic: object, _areas: object, _shapes: object) -> None:
         raise FileNotFoundError("simulation.npz")
 
     monkeypatch.setattr(batch_mosaic, "_zones", gone)
     mosaic: Any = None
     with pytest.raises(FileNotFoundError):
-        batch_mosaic._draw_zones(mosaic, ([], tmp_path / "0.zones"))
+        batch_mosaic._draw_zones(mosaic, ([], {}, tmp_path / "0.zones"))

@@ -151,6 +151,6 @@ def runout_gap_figure(
             gid=f"stops-{name}",
         )  # fmt: skip
     relief.map_axes(ax, view.box)
-    relief.scale_bar(ax, view.box, view.holds(marks))
+    relief.scale_bar(ax, view.box)
     sheet.legend(ax.get_legend_handles_labels()[0])
     return sheet.figure
