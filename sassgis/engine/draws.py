@@ -78,12 +78,6 @@ _UNTURNED = 1e9
 
 
 @lean
-def is_point(block: Block) -> bool:
-    """Return whether a block is a mass point."""
-    return bool(block.roll_share > 1e6)
-
-
-@lean
 def with_outline(block: Block, physics: Physics) -> Block:
     """Return the block with the axes as which it moves in the plane.
 

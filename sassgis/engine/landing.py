@@ -7,7 +7,6 @@ import math
 from sassgis.compiled import rng
 from sassgis.compiled.jit import fused, inlined, lean
 from sassgis.engine.contact import resting_height
-from sassgis.engine.draws import is_point
 from sassgis.engine.effects import hooks
 from sassgis.engine.ellipse import CountedRows, Record, Records, cos_sin, frame_of
 from sassgis.engine.impact import RESTITUTION, impact, normal_force, soft_landing
@@ -174,7 +173,7 @@ def land(
             ground = site.grounds[site.profile.rows[state.segment].ground]
             resistance = _resistance(block, ground, vt, growth(block, ground, physics))
         wt, wn, omega = soft_landing(lever, support, block.inertia, vt, vn, state.omega, resistance)
-        if is_point(block):
+        if physics.point:
             # Friction takes of its speed along the ground what it holds of that into it.
             friction = site.grounds[site.profile.rows[state.segment].ground].mu_f
             wt = math.copysign(max(abs(vt) - friction * abs(vn), 0.0), vt)
@@ -215,7 +214,7 @@ def land(
         state.clear_from = FIRST_TURN / max(abs(omega), 1e-3)
         state.phase = FLIGHT
         return
-    _settle(state, block, site, g, wt, _kinetic(block, wt, wn, omega))
+    _settle(state, block, site, physics, wt, _kinetic(block, wt, wn, omega))
 
 
 @lean
@@ -278,7 +277,7 @@ def way_on(wt: float, omega: float, radius: float) -> int:
 
 @lean
 def _settle(
-    state: Record, block: Block, site: Site, gravity: float, wt: float, energy: float
+    state: Record, block: Block, site: Site, physics: Physics, wt: float, energy: float
 ) -> None:
     """Go on along the ground: roll if the energy suffices, else slide, else rest.
 
@@ -294,8 +293,9 @@ def _settle(
     foot_z = here.z + u * here.tz
     radius = block.roll_radius
     roll_x, roll_z = rolling_place(profile, segment, foot_x, foot_z, radius)
+    gravity = physics.gravity
     lifted = energy + gravity * (state.z - roll_z)
-    if lifted > 0.0 and not is_point(block):
+    if lifted > 0.0 and not physics.point:
         state.speed = math.sqrt(2.0 * lifted / block.roll_share)
         state.omega = direction * state.speed / radius
         state.x = roll_x

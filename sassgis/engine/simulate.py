@@ -246,7 +246,8 @@ def moving_axes(axes: FloatArray, settings: EngineSettings) -> FloatArray:
     for row in moving.reshape(-1, moving.shape[-1]):
         if physics.point:
             row[:3] = np.cbrt(row[:3].prod())
-        row[:2] = outlined(row[0], row[1], physics.outline_edges, physics.outline_share)
+        else:
+            row[:2] = outlined(row[0], row[1], physics.outline_edges, physics.outline_share)
     return moving
 
 

@@ -365,13 +365,14 @@ def hazard_of(
     curves: HazardCurves,
     level: NDArray[np.int16],
     zones: Coverage,
+    rims: IntArray,
     confidence: float,
     edits: Sequence[Edit],
 ) -> Hazard:
     """Assess the hazard from the counts of a simulation.
 
     Curves and levels are those of all cells, zones those of hazard level, to which the edits
-    belong; ``confidence`` is that of the sampling interval.
+    belong, rims those of rims_of; ``confidence`` is that of the sampling interval.
     """
     preset = rules.preset
     chances = level_chances(curves, level, preset, np.isfinite(grid.values), rules.in_part)
@@ -389,7 +390,7 @@ def hazard_of(
         computed=zones,
         levels=levels,
         facts=zone_facts(sampled, curves, preset, levels, grid, *of_cells, edit),
-        intensities=intensity_maps(curves, preset, grid, rules.zones, rims_of(sampled, grid)),
+        intensities=intensity_maps(curves, preset, grid, rules.zones, rims),
         chances=chances,
         uncertain=not_certain,
         edits=applied,
@@ -422,7 +423,7 @@ def assess(
     zones = level_zones(curves, levels, rules.preset, grid, rules.zones, rims)
 
     def hazard(k: int, edits: Sequence[Edit]) -> Hazard:
-        drawn = both[k], curves[k], levels[k], zones[k]
+        drawn = both[k], curves[k], levels[k], zones[k], rims
         return hazard_of(rules, grid, *drawn, confidence, edits)
 
     after = hazard(0, rules.edits)

@@ -28,7 +28,7 @@ from scipy import ndimage
 from sassgis.files.vector_layer import VectorLayer
 from sassgis.grid import FloatArray, Grid, IntArray
 from sassgis.report.figures.map_figure import class_numbers, shown_values
-from sassgis.report.figures.map_marks import MapObject
+from sassgis.report.figures.map_marks import MapObject, even_choice
 from sassgis.report.figures.relief import MapView, footprint, hillshade, view_of
 from sassgis.report.page import data_uri, sensible, template
 from sassgis.settings.hazard_rules import HazardCurves, HazardPreset
@@ -472,10 +472,7 @@ def _envelope(layer: VectorLayer, grid: Grid) -> list[dict[str, Any]]:
 
 def _some(values: Any, most: int) -> Any:
     """Return at most so many of some values, evenly chosen."""
-    if len(values) <= most:
-        return values
-    chosen = np.linspace(0, len(values) - 1, most).round().astype(int)
-    return [values[i] for i in chosen]
+    return [values[i] for i in even_choice(len(values), most)]
 
 
 def _paths(paths: Sequence[BlockPath], ground: Grid, speed: RasterLayer) -> dict[str, Any]:

@@ -196,8 +196,8 @@ def simulate_profile(
         )  # fmt: skip
         shown = simulated(rocks_per_line=drawn, log_events=_LOG_EVENTS)
         paths += [trajectory(c, config.engine.gravity_mps2)[1:] for c in shown.event_logs]
-        own = zip(shown.event_logs, shown.rocks, strict=True)
-        contacts.append(np.concatenate([contacts_of(*pair, config.engine) for pair in own]))
+        met = contacts_of(shown.event_logs, shown.rocks, config.engine)
+        contacts.append(np.concatenate(met))
         parts.append(simulated(rocks_per_line=count))
     for part in parts:
         sums.add(part.passages)

@@ -299,9 +299,7 @@ def control_line_rows(
                 row[outcome.name.lower()] = outcomes[outcome]
             row |= _force_row(control_lines, parts, i)
         for quantity in OF_ALL:
-            d = control_lines.distribution(i, quantity)
-            if parts:
-                d = weighted_distribution(parts, i, quantity)
+            d = _counted(control_lines, parts, i, quantity)
             values = dict(
                 zip(("q50", "q95", "q99"), d.quantile(0.5, 0.95, 0.99), strict=True),
                 mean=d.mean,
@@ -313,11 +311,17 @@ def control_line_rows(
     return rows
 
 
+def _counted(
+    control_lines: ControlLineSums, parts: LineParts, line: int, quantity: str
+) -> Distribution:
+    if parts:
+        return weighted_distribution(parts, line, quantity)
+    return control_lines.distribution(line, quantity)
+
+
 def _force_row(control_lines: ControlLineSums, parts: LineParts, line: int) -> dict[str, Any]:
     """Return forces of the blocks that land on a roof; None without any."""
-    d = control_lines.distribution(line, FORCE)
-    if parts:
-        d = weighted_distribution(parts, line, FORCE)
+    d = _counted(control_lines, parts, line, FORCE)
     # The first bin holds all other blocks.
     counts = np.concatenate([[0], d.histogram.counts[1:]])
     landed = replace(d, histogram=replace(d.histogram, counts=counts))

@@ -297,9 +297,9 @@ def _paths(
     if result is None:
         return
     name = planned.points.area_names[int(planned.points.area[which[0]])]
-    for row, log in zip(result.rocks, result.event_logs, strict=True):
+    contacts = contacts_of(result.event_logs, result.rocks, run.engine)
+    for row, log, met in zip(result.rocks, result.event_logs, contacts, strict=True):
         t, s, z = trajectory(log, run.engine.gravity_mps2, _STEP_S)
-        met = contacts_of(log, row, run.engine)
         if prepared is None:
             chainage, east, north = _in_plan(run.heights, log)
             if chainage.size < 2:

@@ -36,8 +36,8 @@ COMPARED = (REACH, ENERGY, HEIGHT)
 REACH_MEAN = "reach probability, mean over the cells reached by either"
 ENERGY_MEAN = "energy (95 % quantile), mean over the cells reached by both"
 HEIGHT_MEAN = "passing height (95 % quantile), mean over the cells reached by both"
-#: What would be more by both results counts each by itself.
 SEED_SHARE = "share that changes level with another random seed"
+#: What would be more by both results counts each by itself.
 BY_ONE_ONLY = "area reached by one of them only"
 _RUNOUT = dict(
     zip(

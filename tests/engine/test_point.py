@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from helpers.engine_lab import FLIGHT, HAZARD, IMPACT, SLIDING, G, ellipsoid, plain, run, slope
 
+from sassgis.engine.simulate import moving_axes
 from sassgis.errors import ConfigError
 from sassgis.settings.settings import EngineSettings
 
@@ -57,3 +58,8 @@ def test_a_point_needs_a_law_of_impact_that_leaves_it_a_speed() -> None:
     with pytest.raises(ConfigError, match="mass point"):
         EngineSettings(block="point", readings="1986")
     assert EngineSettings(block="point", readings="1986", eta_max_rule="coulomb")
+
+
+def test_heights_of_a_point_are_counted_from_its_sphere() -> None:
+    moving = moving_axes(np.array([[0.8, 0.4, 0.2]]), EngineSettings(block="point"))
+    assert moving == pytest.approx(np.full((1, 3), 0.4))

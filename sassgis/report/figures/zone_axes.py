@@ -5,12 +5,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.colors import LightSource
 from matplotlib.patches import Patch
 
 from sassgis.grid import Grid
+from sassgis.report.figures.relief import hillshade
 from sassgis.settings.hazard_rules import HazardLevel
 from sassgis.settings.languages import translated
 
@@ -28,9 +27,7 @@ def draw_zones(
 
         _, ax = plt.subplots(layout="constrained")
     west, south, east, north = grid.bounds
-    light = LightSource(azdeg=315.0, altdeg=45.0)
-    heights = np.where(np.isfinite(grid.values), grid.values, np.nanmin(grid.values))
-    shade = light.hillshade(heights, dx=grid.cell_size, dy=-grid.cell_size)
+    shade = hillshade(grid)
     ax.imshow(shade, cmap="gray", extent=(west, east, south, north), alpha=0.5, vmin=0.0, vmax=1.0)
     signs = []
     for level in levels:
