@@ -7,7 +7,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cache
 from itertools import pairwise
@@ -104,6 +104,11 @@ class VectorStyle:
             raise ValueError("classes need the column that chooses them")
         if any(entry.symbol.kind != self.symbol.kind for entry in self.classes):
             raise ValueError("all symbols of a style are of one kind")
+
+    def showing(self, values: Collection[object]) -> VectorStyle:
+        """Return the style with the classes of some values only; of none that has a class, all."""
+        shown = tuple(entry for entry in self.classes if entry.value in values)
+        return replace(self, classes=shown or self.classes)
 
 
 def class_limits(breaks: Sequence[float]) -> list[tuple[float, float]]:

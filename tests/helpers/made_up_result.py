@@ -193,7 +193,7 @@ def vector_layers(crs: str | None = "EPSG:2056") -> dict[str, VectorLayer]:
             "barriers", "Barriers", "Walls and nets",
             frame([wall], name=["Dam & net <A>"], kind=["wall"], height_m=[4.0]),
             {**name, "height_m": FieldInfo("Height", "m", "Vertical, above the ground")},
-            style=BARRIER_STYLE,
+            style=BARRIER_STYLE.showing(("wall", "net")),
         ),
         VectorLayer(
             "stations", "Stations", "Where passages are recorded",

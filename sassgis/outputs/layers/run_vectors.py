@@ -240,6 +240,8 @@ def control_line_layers(
     """
     rows = control_line_rows(progress.control_lines, parts)
     kinds = [line.kind for line, _ in run.control_lines]
+    # Walls and nets are in every legend, galleries where there are some.
+    signs = {"wall", "net", *kinds}
     stations = [i for i, kind in enumerate(kinds) if kind == "station"]
     barriers = [i for i, kind in enumerate(kinds) if kind != "station"]
     statistics = [f"{q}_{n}" for q in OF_ALL for n in ("q50", "q95", "q99", "mean", "max")]
@@ -247,7 +249,7 @@ def control_line_layers(
     layers = []
     for key, style, chosen, more in (
         ("stations", styles.STATION_STYLE, stations, []),
-        ("barriers", styles.BARRIER_STYLE, barriers, protection),
+        ("barriers", styles.BARRIER_STYLE.showing(signs), barriers, protection),
     ):
         columns: dict[str, object] = {}
         for column in ("name", "kind", "rocks", *more, *statistics):

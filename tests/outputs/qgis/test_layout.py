@@ -158,7 +158,7 @@ def test_the_scale_is_the_one_that_is_written(seen: dict[str, Any]) -> None:
 def test_the_legend_holds_what_is_shown_and_no_more(seen: dict[str, Any]) -> None:
     assert seen["layouts"]["Hazard level"]["item"]["Legend"]["entries"] == [
         {"layer": "Hazard level", "texts": ["elevato", "medio", "basso", "residuo"]},
-        {"layer": "Barriers", "texts": ["wall", "net", "gallery"]},
+        {"layer": "Barriers", "texts": ["wall", "net"]},
         {"group": "Also shown"},
         {"layer": "Release areas", "texts": []},
         {"layer": "Level not settled", "texts": []},
