@@ -37,7 +37,6 @@ SCALES = (5_000, 10_000)
 #: From this share of uncertain cells on a zone says little.
 UNSURE = 0.3
 SITES = ("valley", "cliffs", "avaMal", "avaKot", "avaGar")
-SHOWN = ("cliffs", "avaKot")
 
 
 def samples(data: Path, out: Path) -> None:
@@ -62,17 +61,26 @@ def samples(data: Path, out: Path) -> None:
 
 
 def facts(zones: Coverage, grid: Grid, cells: np.ndarray, unsure: BoolArray) -> str:
-    """Number of zones, the smallest, and how many are unsure, as three columns."""
+    """Number of zones, the smallest, how many are unsure, and red on residual, as four columns."""
     zone = zone_of_cells(zones, grid, cells)
     n = zones.polygons.size
     inside = np.bincount(zone[zone >= 0], minlength=n)
     share = np.bincount(zone[zone >= 0], unsure[zone >= 0], n) / np.maximum(inside, 1)
-    return f"{n} | {shapely.area(zones.polygons).min():,.0f} | {(share > UNSURE).sum()}"
+    smallest = shapely.area(zones.polygons).min()
+    beside = 100.0 * red_on_residual(zones)
+    return f"{n} | {smallest:,.0f} | {(share > UNSURE).sum()} | {beside:.0f} %"
+
+
+def red_on_residual(zones: Coverage) -> float:
+    """Share of the outline of the highest level that borders on the lowest."""
+    red, residual = (shapely.union_all(zones.polygons[zones.classes == k]) for k in (4, 1))
+    outline = shapely.boundary(red)
+    return float(outline.intersection(residual.buffer(0.01)).length / outline.length)
 
 
 def picture(shown: list[tuple[str, Grid, list[Coverage]]], file: Path) -> None:
     """Cells and zones at two scales, a row for each site."""
-    figure, axes = plt.subplots(len(shown), 3, figsize=(12, 5.5 * len(shown)), squeeze=False)
+    figure, axes = plt.subplots(len(shown), 3, figsize=(12, 4.6 * len(shown)), squeeze=False)
     for row, (name, grid, stages) in zip(axes, shown, strict=True):
         west, south, east, north = shapely.total_bounds(stages[-1].polygons)
         titles = ("cells", *(f"zones at 1:{scale:,}" for scale in SCALES))
@@ -84,8 +92,9 @@ def picture(shown: list[tuple[str, Grid, list[Coverage]]], file: Path) -> None:
             ax.set(xlim=(west - 30, east + 30), ylim=(south - 30, north + 30), xticks=[], yticks=[])
             ax.set_title(f"{name}: {title}", fontsize=10)
     figure.tight_layout()
-    figure.text(0.01, 0.002, "avaKot: Land Tirol - data.tirol.gv.at. Not a hazard map.", fontsize=6)
-    figure.savefig(file, dpi=90)
+    source = "avaMal, avaKot, avaGar: Land Tirol - data.tirol.gv.at. Not a hazard map."
+    figure.text(0.01, 0.002, source, fontsize=6)
+    figure.savefig(file, dpi=70, pil_kwargs={"optimize": True})
     plt.close(figure)
 
 
@@ -98,26 +107,26 @@ def main() -> None:
     given.output.mkdir(parents=True, exist_ok=True)
     samples(given.data, given.output)
     columns = " | ".join(
-        f"{what}: number | smallest (m²) | unsure"
+        f"{what}: number | smallest (m²) | unsure | red on residual"
         for what in ("cells", *map("1:{:,}".format, SCALES))
     )
-    rows = [f"| site | {columns} |", "|---" * 10 + "|"]
+    rows = [f"| site | {columns} |", "|---" * 13 + "|"]
     shown = []
     for name in SITES:
         curves, grid = read_sample(given.output / f"{name}_1.npz")
+        rims = np.load(given.output / f"{name}_1.npz")["rims"]
         level = hazard_level(curves, PRESET)
         chances = level_chances(curves, level, PRESET, np.isfinite(grid.values))
         levels = raster(grid, curves.places, level)
         stages = [
             drawn_zones([levels], grid, Drawing())[0],
-            *(zones_at(curves, grid, PRESET, s) for s in SCALES),
+            *(zones_at(curves, grid, PRESET, s, rims) for s in SCALES),
         ]
         unsure = chances.uncertain(0.95)
         told = " | ".join(facts(zones, grid, chances.places, unsure) for zones in stages)
         rows.append(f"| {name} | {told} |")
         print(rows[-1], flush=True)
-        if name in SHOWN:
-            shown.append((name, grid, stages))
+        shown.append((name, grid, stages))
     page = Path(__file__).with_suffix(".md")
     replaced(page, "table", "\n".join(rows))
     picture(shown, Path(__file__).with_suffix(".png"))

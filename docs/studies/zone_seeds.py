@@ -21,8 +21,15 @@ import numpy as np
 
 from docs.studies.study_tables import write_csv
 from docs.studies.tirol import config_of
-from sassgis.grid import Grid
-from sassgis.hazard.assess import curves_of, level_zones, raster, zone_of_cells
+from sassgis.grid import Grid, IntArray
+from sassgis.hazard.assess import (
+    NO_RIMS,
+    curves_of,
+    level_zones,
+    raster,
+    rims_of,
+    zone_of_cells,
+)
 from sassgis.hazard.curves import at_energies
 from sassgis.hazard.levels import hazard_level
 from sassgis.hazard.sampling_error import level_chances
@@ -75,6 +82,7 @@ def sample(config: Config, file: Path) -> None:
         file, places=few.places, rate=few.rate, variance=few.variance,
         of_a_rock=few.rate_of_a_rock, heights=done.run.grid.values, cell=done.run.grid.cell_size,
         blocks=done.progress.simulated, seconds=time.process_time() - began,
+        rims=rims_of(sampled, done.run.grid),
     )  # fmt: skip
 
 
@@ -121,11 +129,16 @@ def joined(samples: Sequence[HazardCurves]) -> HazardCurves:
 
 
 def zones_at(
-    curves: HazardCurves, grid: Grid, preset: HazardPreset, scale: float = 5_000.0
+    curves: HazardCurves,
+    grid: Grid,
+    preset: HazardPreset,
+    scale: float = 5_000.0,
+    rims: IntArray = NO_RIMS,
 ) -> Coverage:
     """Zones of hazard level as they are drawn at a scale."""
     drawing = ZoningSettings(scale).drawing(preset.sheet, REF_WIDTH_M, 0.0, grid.cell_size)
-    (zones,) = level_zones([curves], [hazard_level(curves, preset)], preset, grid, drawing)
+    levels = [hazard_level(curves, preset)]
+    (zones,) = level_zones([curves], levels, preset, grid, drawing, rims)
     return zones
 
 

@@ -194,7 +194,7 @@ def curves_of(sampled: Sequence[Sampled], energies_kj: np.ndarray) -> HazardCurv
 
 
 #: Of no release area.
-_NO_RIMS: IntArray = np.empty((2, 0), np.int64)
+NO_RIMS: IntArray = np.empty((2, 0), np.int64)
 
 
 def rims_of(sampled: Sequence[Sampled], grid: Grid) -> IntArray:
@@ -208,7 +208,7 @@ def intensity_maps(
     preset: HazardPreset,
     grid: Grid,
     rules: Drawing,
-    rims: IntArray = _NO_RIMS,
+    rims: IntArray = NO_RIMS,
 ) -> Intensities:
     """Draw zones of intensity for the preset's return periods and the extreme event.
 
@@ -256,7 +256,7 @@ def level_zones(
     preset: HazardPreset,
     grid: Grid,
     rules: Drawing,
-    rims: IntArray = _NO_RIMS,
+    rims: IntArray = NO_RIMS,
 ) -> list[Coverage]:
     """Draw zones of hazard level of several simulations, as with and without barriers.
 

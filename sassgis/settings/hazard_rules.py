@@ -469,7 +469,7 @@ class ZoningSettings(Section):
     envelope_m: Annotated[
         float | None,
         Interval(ge=0, le=1000),
-        "gaps in the outer limit that are closed (m); default: that of the preset, ten reference "
+        "gaps in the outer limit that are closed (m); default: that of the preset, six reference "
         "widths",
         Example(100.0),
     ] = None

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from itertools import pairwise
 from typing import Any
 from unittest import mock
@@ -333,18 +334,33 @@ def test_a_small_zone_joins_the_next_higher_one_beside_it() -> None:
 
 def test_a_small_zone_on_its_own_grows_to_the_smallest_area() -> None:
     (zone,) = drawn(block((15, 15, 16, 16, 2)), area_m2=100.0).polygons
-    assert zone.area == pytest.approx(100.0, rel=1e-3)
-    assert zone.centroid.distance(shapely.Point(WEST + 31.0, NORTH - 31.0)) < 0.01
+    # By whole cells: those as near as the last one come with it.
+    assert 100.0 <= zone.area < 130.0
+    assert zone.centroid.distance(shapely.Point(WEST + 31.0, NORTH - 31.0)) < 0.5
     # Around what is unknown, not through it.
     classes = block((15, 14, 16, 15, 1))
     known = np.ones(classes.shape, bool)
     known[:, 15] = False
     (zone,) = drawn_zones([classes], grid_of(classes), Drawing(area_m2=100.0), known)[0].polygons
-    assert zone.area == pytest.approx(100.0, rel=1e-3) and zone.bounds[2] == WEST + 30.0
+    assert 100.0 <= zone.area < 130.0 and zone.bounds[2] == WEST + 30.0
     known[:] = False
     known[15, 14] = True
     (zone,) = drawn_zones([classes], grid_of(classes), Drawing(area_m2=100.0), known)[0].polygons
     assert zone.area == 4.0
+
+
+def test_a_small_zone_grows_along_the_slope_over_what_blocks_reached() -> None:
+    classes = block((30, 30, 31, 31, 2))
+    rows, cols = np.indices(classes.shape)
+    for heights, long_side in ((-1.0 * rows, 1), (0.5 * cols, 0)):
+        grid = replace(grid_of(classes), values=heights)
+        (zone,) = drawn_zones([classes], grid, Drawing(area_m2=400.0))[0].polygons
+        sides = np.ptp(np.reshape(zone.bounds, (2, 2)), axis=0)
+        assert sides[long_side] > 2.0 * sides[1 - long_side]
+    # On flat ground it goes where the next lower class is.
+    classes = np.maximum(classes, block((20, 30, 60, 34, 1)))
+    zone = above(drawn(classes, area_m2=200.0), 2)
+    assert zone.intersection(cells_of(classes == 1, grid_of(classes))).area > 0.6 * zone.area
 
 
 @settings(max_examples=8)
@@ -355,14 +371,14 @@ def test_small_parts_grow_where_no_gaps_are_closed(classes: np.ndarray) -> None:
     assert violations(zones, classes, grid_of(classes), 100.0) - {"unknown class"} == set()
 
 
-@pytest.mark.parametrize("gap", [7, 8, 9, 12])
+@pytest.mark.parametrize("gap", [7, 8, 12, 14])
 def test_gaps_are_closed_beside_what_has_grown(gap: int) -> None:
-    # A square of 8 m grows by 6.4 m to 400 square metres.
     classes = block((3, 5, 57, 25, 1), (28, 25 + gap, 32, 29 + gap, 1))
-    wide = 2.0 * gap - 6.4
-    found = at(drawn(classes, gap_m=11.0, area_m2=400.0), 30, 25 + wide / 4.0)
-    assert found == (1 if wide < 11.0 else 0)
-    assert at(drawn(classes, gap_m=11.0), 30, 25 + wide / 4.0) == 0
+    small = drawn(classes, area_m2=400.0).polygons
+    wide = shapely.distance(*small) if small.size == 2 else 0.0
+    closed = drawn(classes, gap_m=11.0, area_m2=400.0).polygons
+    assert (closed.size == 1) == (wide < 11.0)
+    assert drawn(classes, gap_m=11.0).polygons.size == 2
 
 
 @pytest.mark.parametrize("gap", [3, 5, 6, 8])
@@ -382,10 +398,21 @@ def test_a_thread_is_widened_and_a_wide_part_is_not() -> None:
     assert drawn(thread, width_m=10.0).polygons[0].area == pytest.approx(4 * thread.sum(), rel=1e-2)
 
 
-@pytest.mark.parametrize(("rim", "stays"), [(1, False), (4, False), (6, True)])
-def test_a_narrow_rim_joins_the_higher_zone_and_a_wide_one_stays(rim: int, stays: bool) -> None:
+@pytest.mark.parametrize("rim", [1, 4, 6])
+def test_a_narrow_rim_is_widened_and_a_small_one_joins_the_higher_zone(rim: int) -> None:
     classes = block((18 - rim, 18 - rim, 42 + rim, 42 + rim, 1), (18, 18, 42, 42, 2))
-    assert at(drawn(classes, width_m=10.0), 30, 42 + rim / 2) == (1 if stays else 2)
+    zones = drawn(classes, width_m=10.0)
+    outer = max(rim, 5)
+    assert [at(zones, 30, 42 + c) for c in (-0.5, rim / 2, outer - 0.1, outer + 0.1)] == [
+        2,
+        1,
+        1,
+        0,
+    ]
+    # A rim of one side only is smaller than the smallest zone.
+    classes = block((18, 18, 42, 42 + rim, 1), (18, 18, 42, 42, 2))
+    small = drawn(classes, width_m=10.0, area_m2=1000.0)
+    assert at(small, 30, 42 + rim / 2) == 2 and at(small, 30, 42 + rim + 0.5) == 0
 
 
 def test_several_narrow_rims_become_one_that_can_be_drawn() -> None:

@@ -6,6 +6,7 @@ Everything here only raises a class: no place lies in a zone of a class below th
 from __future__ import annotations
 
 import math
+from bisect import bisect_left
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import chain, pairwise
@@ -15,7 +16,6 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 from scipy import ndimage
-from scipy.optimize import brentq
 
 from sassgis.grid import BoolArray, ClassMap, FloatArray, Grid, IntArray
 from sassgis.hazard.zoning.coverage import (
@@ -30,6 +30,7 @@ from sassgis.hazard.zoning.coverage import (
     without_small,
     without_threads,
 )
+from sassgis.hazard.zoning.growth import Ground
 from sassgis.settings.hazard_rules import Drawing
 
 #: Length of a part at least, and of the stretch in which a seam is looked for (cells).
@@ -119,7 +120,7 @@ _CORNER = 1.45
 #: coincide take twice as long to cut.
 _ACROSS = 1.01
 #: Narrow parts are widened in steps of this share of the least width.
-_STEP = 4
+_STEP = 8
 _FITS = 0.999
 #: Narrow parts below this share of the square of the least width are corners and chords of disks.
 _SPECK = 0.01
@@ -130,6 +131,10 @@ _TOUCHING_M, _SHARED_M = 0.01, 0.1
 #: Shares of the tolerance within which areas that were closed, and those that are done, are drawn
 #: with fewer vertices.
 _CLOSED_WITHIN, _DONE_WITHIN = 0.05, 0.1
+#: Of a short outline the average goes over no more than this share.
+_RING_SHARE = 0.05
+#: Standard deviation of the average along an outline, as a share of the gap that is closed.
+_ALONG = 0.5
 _NOWHERE = shapely.Polygon()
 
 
@@ -167,6 +172,35 @@ def _closed(area: Any, gap_m: float) -> Any:
     return _grown(_grown(area, gap_m / 2.0), -gap_m / 2.0)
 
 
+def _rounded(area: Any, length_m: float) -> Any:
+    """Return an area with its outline averaged along itself where that lies outside of it.
+
+    Weights are Gaussian, with a standard deviation of ``length_m`` along the outline. Closing with
+    a disk leaves arcs of it; this turns them into lines without a radius.
+    """
+    parts = polygons_of(area)
+    rings, part = shapely.get_rings(parts, return_index=True)
+    smooth = shapely.polygons([_averaged(ring, length_m) for ring in rings])
+    is_shell = np.diff(part, prepend=-1) > 0
+    smooth = shapely.make_valid(smooth)
+    shells = shapely.union_all(smooth[is_shell])
+    # Holes become smaller only.
+    holes = shapely.intersection(smooth[~is_shell], shapely.polygons(rings[~is_shell]))
+    return shapely.union(area, shapely.difference(shells, shapely.union_all(holes)))
+
+
+def _averaged(ring: Any, length_m: float) -> Any:
+    """Return a closed line with each point averaged along it."""
+    total = ring.length
+    # Four points to a standard deviation; a short ring has some at least.
+    count = max(int(4.0 * total / length_m), 12)
+    points = shapely.line_interpolate_point(ring, np.arange(count) * (total / count))
+    places = shapely.get_coordinates(points)
+    sigma = min(length_m, _RING_SHARE * total) * count / total
+    places = ndimage.gaussian_filter1d(places, sigma, axis=0, mode="wrap")
+    return shapely.linearrings(places)
+
+
 def _narrow(
     areas: NDArray[Any], width_m: float, corner: float = _ACROSS
 ) -> tuple[NDArray[Any], IntArray]:
@@ -189,28 +223,35 @@ def _widened(area: Any, width_m: float) -> Any:
         narrow = narrow[shapely.intersects(grown, narrow)]
         if not narrow.size:
             break
-        grown = shapely.union_all(_grown(narrow, width_m / _STEP))
+        grown = _simplified(shapely.union_all(_grown(narrow, width_m / _STEP)), 0.02 * width_m)
         area = shapely.union(area, grown)
         # Only next to what has grown may another part be narrow still.
         near = shapely.intersection(area, _grown(grown, 2.0 * width_m, 2))
     return area
 
 
-def _enlarged(area: Any, smallest_m2: float, known: Any) -> Any:
-    """Grow the small parts of an area evenly until they have the smallest area."""
+def _enlarged(area: Any, smallest_m2: float, known: Any, ground: Ground) -> Any:
+    """Grow the small parts of an area along the slope until they have the smallest area."""
     parts = polygons_of(area)
-    out = []
+    small = parts[shapely.area(parts) < smallest_m2]
+    return shapely.union_all([_enlarged_part(p, smallest_m2, known, ground) for p in small])
+
+
+def _enlarged_part(part: Any, smallest_m2: float, known: Any, ground: Ground) -> Any:
+    size = ground.grid.cell_size
     # In a corner of the known terrain parts grow farther than on open ground, but not without end.
-    farthest = _FARTHEST * math.sqrt(smallest_m2)
-    for part in parts[shapely.area(parts) < smallest_m2]:
+    ground = ground.around(part.bounds, _FARTHEST * math.sqrt(smallest_m2))
+    distance = ground.distance_from(part)
 
-        def excess(distance: float, part: Any = part) -> float:
-            return float(_on_terrain(_grown(part, distance), known, [part]).area) - smallest_m2
+    def grown(most: float) -> Any:
+        cells = shapely.union_all([part, *cell_polygons(distance <= most, ground.grid)])
+        return _on_terrain(_smooth(cells, size), known, [part])
 
-        reach = brentq(excess, 0.0, farthest, xtol=1e-6) if excess(farthest) > 0.0 else farthest
-        # So that it still has that area when coordinates are rounded.
-        out.append(_grown(part, reach + PRECISION_M))
-    return shapely.union_all(out)
+    # So that it still has that area when coordinates are rounded.
+    enough = smallest_m2 + PRECISION_M * shapely.length(part)
+    steps = np.unique(distance[np.isfinite(distance)]).tolist()
+    first = bisect_left(range(len(steps) - 1), enough, key=lambda i: grown(steps[i]).area)
+    return grown(steps[first])
 
 
 def _filled(area: Any, smallest_m2: float) -> Any:
@@ -222,7 +263,14 @@ def _filled(area: Any, smallest_m2: float) -> Any:
     return shapely.union(area, shapely.union_all(small)) if small.size else area
 
 
-def _superlevel(cells: Any, inside: Sequence[Any], rules: Drawing, gap_m: float, known: Any) -> Any:
+def _superlevel(
+    cells: Any,
+    inside: Sequence[Any],
+    rules: Drawing,
+    gap_m: float,
+    known: Any,
+    ground: Ground,
+) -> Any:
     """Return area of a class and those above it: its cells, smoothed, and what must lie within."""
     must = [cells, *inside]
     area = _smooth(cells, rules.tolerance_m)
@@ -233,16 +281,18 @@ def _superlevel(cells: Any, inside: Sequence[Any], rules: Drawing, gap_m: float,
     if area.is_empty:
         return area
     if gap_m > 0.0:
-        area = _simplified(_closed(area, gap_m), _CLOSED_WITHIN * rules.tolerance_m)
+        area = _rounded(_closed(area, gap_m), _ALONG * gap_m)
+        area = _simplified(area, _CLOSED_WITHIN * rules.tolerance_m)
     if rules.area_m2 > 0.0:
         area = _on_terrain(area, known, must)
-        grown = _enlarged(area, rules.area_m2, known)
+        grown = _enlarged(area, rules.area_m2, known, ground)
         area = shapely.union(area, grown)
         if gap_m > 0.0 and not grown.is_empty:
             # There are gaps only where a disk that touches what has grown touches more.
             near = polygons_of(shapely.intersection(area, _grown(grown, 2.2 * gap_m, 2)))
             area = shapely.union(area, _closed(shapely.multipolygons(near), gap_m))
-        area = _filled(area, rules.area_m2)
+        # A hole no larger than the gap has the shape of the disk, not of the ground.
+        area = _filled(area, max(rules.area_m2, gap_m**2))
     return _on_terrain(_with(_smooth(area, _DONE_WITHIN * rules.tolerance_m), must), known, must)
 
 
@@ -266,6 +316,23 @@ def _on_terrain(area: Any, known: Any, must: Sequence[Any]) -> Any:
     shapely.prepare(must)
     holds = shapely.intersects(np.array(must)[:, None], parts).any(axis=0)
     return shapely.multipolygons(parts[holds])
+
+
+def _strips(higher: Any, own: BoolArray, grid: Grid, rules: Drawing) -> Any:
+    """Return strips of the least width along a higher area where cells of a class lie beside it.
+
+    Only strips that are as large as the smallest zone.
+    """
+    width = rules.width_m
+    shapely.prepare(higher)
+    cells = cell_polygons(own, grid)
+    cells = cells[shapely.dwithin(higher, cells, 0.5 * width)]
+    if not cells.size:
+        return _NOWHERE
+    near = shapely.union_all(_grown(cells, width))
+    beside = shapely.difference(_grown(higher, width), higher)
+    strips = polygons_of(shapely.intersection(beside, near))
+    return shapely.multipolygons(strips[shapely.area(strips) >= rules.area_m2])
 
 
 def _with_rims(higher: Any, lower: Any, rules: Drawing) -> Any:
@@ -308,7 +375,8 @@ def _is_beside(area: Any, parts: NDArray[Any]) -> BoolArray:
 def reach_cells(rules: Drawing, cell_size: float) -> int:
     """Return cells from a zone within which drawing it looks at others, and may add to it."""
     grown = rules.width_m + _FARTHEST * math.sqrt(rules.area_m2) + rules.tolerance_m
-    return math.ceil((2.0 * grown + max(rules.gap_m, rules.envelope_m)) / cell_size) + 2
+    # The average along an outline moves it by less than the gap, and looks along it twice as far.
+    return math.ceil(2.0 * (grown + max(rules.gap_m, rules.envelope_m)) / cell_size) + 2
 
 
 def drawn_zones(
@@ -465,7 +533,11 @@ def _stack(
     raised = _raised(place, gaps, rules.area_m2)
     for k in range(len(within), 0, -1):
         cells = shapely.multipolygons(cell_polygons(raised >= k, place.grid))
-        higher = _superlevel(cells, [higher, within[k - 1]], rules, gaps[k - 1], known)
+        inside = [higher, within[k - 1]]
+        if rules.width_m > 0.0 and not higher.is_empty:
+            inside.append(_strips(higher, raised == k, place.grid, rules))
+        ground = Ground(place.grid, raised, place.known, k, rules.width_m)
+        higher = _superlevel(cells, inside, rules, gaps[k - 1], known, ground)
         stack.insert(0, higher)
     for k in range(1, len(stack)):
         stack[k] = _with_rims(stack[k], stack[k - 1], rules)
