@@ -162,6 +162,9 @@ def _arrival_edges(_: float) -> FloatArray:
     return np.concatenate([np.arange(0.0, 10.0, 0.5), 10.0 * 1.05 ** np.arange(steps + 1)])
 
 
+#: Classes of maps of energies (kJ), and their colours.
+ENERGY_BREAKS, ENERGY_RAMP = (0.0, 30.0, 100.0, 300.0, 1000.0, 3000.0, 10_000.0), "YlOrRdBk"
+
 STATISTICS = (
     Statistic(
         stem="reach_probability", title="Reach probability", unit="1", label="Reach probability",
@@ -184,7 +187,7 @@ STATISTICS = (
         note="Translation and rotation. {once} {width} Quantiles from a histogram of 20 bins a "
         "decade (12 % of the value), 30 and 300 kJ among the edges; mean and maximum exact. {few}",
         meaning="kinetic energy (translation and rotation, kJ) of the blocks *that reach the cell*",
-        breaks=(0.0, 30.0, 100.0, 300.0, 1000.0, 3000.0), ramp="YlOrRd", edges=_energy_edges,
+        breaks=ENERGY_BREAKS, ramp=ENERGY_RAMP, edges=_energy_edges,
         bins="20 a decade from 0.03 kJ; 30 and 300 kJ are edges", resolution="12 % of the value",
     ),
     Statistic(

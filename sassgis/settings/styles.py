@@ -242,7 +242,7 @@ FOOTPRINT_STYLE = VectorStyle(
 
 # Tables of 256 colours as matplotlib 3.10 makes them: Blues, BuPu, RdBu, RdPu, YlGnBu and YlOrRd by
 # ColorBrewer (Brewer 2002), plasma and viridis by Smith and van der Walt (2015). A name with ``_r``
-# at its end is the same ramp reversed.
+# at its end is the same ramp reversed. YlOrRdBk is YlOrRd with a fifth more, towards black.
 @cache
 def _ramps() -> Mapping[str, tuple[str, ...]]:
     rows = list(built_in_rows("ramps"))

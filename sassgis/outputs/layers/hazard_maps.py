@@ -16,6 +16,7 @@ from sassgis.outputs.layers.maps import described_band, described_raster, level_
 from sassgis.settings.hazard_rules import HazardCurves, HazardPreset
 from sassgis.settings.languages import joined, phrase
 from sassgis.settings.results import Band, RasterClass, RasterLayer
+from sassgis.settings.statistics_table import ENERGY_BREAKS, ENERGY_RAMP
 
 #: Colours of "statistically certain" and "uncertain".
 _CERTAIN, _UNCERTAIN = "#b8c4c2", "#d6721f"
@@ -149,8 +150,8 @@ def _energy(
     bands = [band(key, "e", energy_at(curves, t), f"e{t:g}", years=t) for t in periods]
     once = phrase(" once in {} years", f"{periods[0]:g}") if periods else ""
     ends = {"count": energies.size, "first": energies[0], "last": energies[-1]}
-    breaks = (0.0, *preset.thresholds_kj[1:])
-    return described_raster(key, bands, breaks, "YlOrRd", once=once, **ends, **words)
+    breaks = sorted({*ENERGY_BREAKS, *preset.thresholds_kj[1:]})
+    return described_raster(key, bands, breaks, ENERGY_RAMP, once=once, **ends, **words)
 
 
 def _frequency(
