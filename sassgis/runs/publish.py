@@ -73,7 +73,7 @@ from sassgis.settings.results import RUNOUT_COUNTS, RasterLayer, StopReason
 from sassgis.settings.statistics_table import Bins, bins_of
 from sassgis.simulation.accumulators import Progress, line_ends, sample_of
 from sassgis.simulation.checkpoint import read_rows
-from sassgis.simulation.control_lines import LineParts
+from sassgis.simulation.control_lines import FORCE, LineParts
 from sassgis.simulation.map_sums import MapSums, Sample
 from sassgis.simulation.path_sample import BlockPath, paths_on_line, sample_paths
 from sassgis.simulation.workers import beside
@@ -149,9 +149,15 @@ def map_hazard(rules: Rules, found: Assessment) -> MapHazard:
 
 
 def line_facts(
-    run: MapRun, without_barriers: Sequence[Sampled], periods_years: Sequence[float]
+    run: MapRun,
+    without_barriers: Sequence[Sampled],
+    with_barriers: Sequence[Sampled],
+    periods_years: Sequence[float],
 ) -> dict[tuple[str, str], PlaceFacts]:
-    """Return the loads at each station and barrier without barriers, by return period."""
+    """Return the loads at each station and barrier without barriers, by return period.
+
+    At a gallery also the forces of the blocks that land on its roof.
+    """
     found: dict[tuple[str, str], PlaceFacts] = {}
     for i, (line, _) in enumerate(run.control_lines):
         energy, height = (arrivals(without_barriers, i, q) for q in ("energy_kj", "height_m"))
@@ -163,6 +169,16 @@ def line_facts(
             values = (value_at_rate(own, 1.0 / years) for own in (energy, height))
             texts = ["–" if math.isnan(v) else sensible(v) for v in values]
             rows.append((phrase("{} years", f"{years:g}"), phrase("{} kJ, {} m high", *texts)))
+        if line.kind == "gallery":
+            force = arrivals(with_barriers, i, FORCE)
+            # Blocks that do not land on the roof lie in the first bin.
+            often = float(force.rate[1])
+            loads = [
+                phrase("{} years: {} kN", f"{years:g}", sensible(value_at_rate(force, 1.0 / years)))
+                for years in periods_years
+                if often > 1.0 / years
+            ]
+            rows.append(("force on the roof", joined("; ", loads) if loads else "–"))
         rows.append(("Blocks that arrive", phrase("{} a year", sensible(float(energy.rate[0])))))
         at = np.unique(np.linspace(0, energy.edges.size - 1, _POINTS * 4).astype(int))
         curve = [(float(energy.edges[k]), float(energy.rate[k])) for k in at if energy.rate[k] > 0]

@@ -134,7 +134,7 @@ def zone_extras(rules: Rules, found: Assessment, done: Simulation, figures: Path
         hazard=map_hazard(rules, found),
         contributions=rates_by_source(hazard.sampled),
         parts=line_parts(hazard.sampled),
-        places=line_facts(run, found.without_barriers, periods)
+        places=line_facts(run, found.without_barriers, hazard.sampled, periods)
         | object_facts(found.risk, hazard.sampled, energies, on_objects, currency),
         frequencies=rules.frequencies,
         levels=on_objects,

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -26,7 +28,9 @@ from sassgis.outputs.zone_tables import (
     stays_above,
 )
 from sassgis.report.map_report import control_line_tables
+from sassgis.report.page import sensible
 from sassgis.report.protection_page import needs_table
+from sassgis.runs.publish import line_facts
 from sassgis.settings.hazard_rules import HazardCurves, Source, SourceCounts
 from sassgis.settings.results import PASSAGE_DTYPE, ControlLine, Outcome
 from sassgis.simulation.control_lines import ControlLineSums, control_line_rows, energy_behind
@@ -218,6 +222,10 @@ def test_table_of_protection_of_a_gallery_by_hand() -> None:
     assert str(sheet.rows[0][-2]).startswith(f"{row['force_kn']:.0f}") and sheet.rows[0][-1] is None
     _, roofs = control_line_tables(sums)
     assert roofs.rows[0][:5] == ("roof", 100, 25, 50, 25)
+    run: Any = SimpleNamespace(control_lines=[(gallery, np.zeros((2, 2)))])
+    facts = line_facts(run, sampled(sums), sampled(sums), (1.0, 3.0))["gallery", "roof"]
+    # On the roof comes one in two years: rarer than once a year.
+    assert dict(facts[0])["force on the roof"] == f"3 years: {sensible(row['force_kn'])} kN"
 
 
 def test_a_wall_is_loaded_by_what_it_stops_and_topped_by_the_rest() -> None:
