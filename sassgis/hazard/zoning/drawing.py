@@ -191,11 +191,13 @@ def _rounded(area: Any, length_m: float) -> Any:
 
 def _averaged(ring: Any, length_m: float) -> Any:
     """Return a closed line with each point averaged along it."""
-    total = ring.length
+    corners = shapely.get_coordinates(ring)
+    at = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(corners, axis=0).T))])
+    total = at[-1]
     # Four points to a standard deviation; a short ring has some at least.
     count = max(int(4.0 * total / length_m), 12)
-    points = shapely.line_interpolate_point(ring, np.arange(count) * (total / count))
-    places = shapely.get_coordinates(points)
+    even = np.arange(count) * (total / count)
+    places = np.stack([np.interp(even, at, axis) for axis in corners.T], axis=1)
     sigma = min(length_m, _RING_SHARE * total) * count / total
     places = ndimage.gaussian_filter1d(places, sigma, axis=0, mode="wrap")
     return shapely.linearrings(places)
