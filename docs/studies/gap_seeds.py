@@ -83,9 +83,10 @@ def main() -> None:
     asked.add_argument("check", type=Path)
     asked.add_argument("-o", "--output", type=Path, required=True)
     asked.add_argument("--seeds", type=int, nargs="+", default=[2, 3])
+    asked.add_argument("--sites", type=int, help="the first so many; default: all")
     asked.add_argument("--jobs", type=int, default=2)
     given = asked.parse_args()
-    cases = sorted((given.check / "cases").iterdir())
+    cases = sorted((given.check / "cases").iterdir())[: given.sites]
     tasks = [
         (case, given.output / str(seed) / case.name, seed) for seed in given.seeds for case in cases
     ]
