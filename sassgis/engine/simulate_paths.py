@@ -213,7 +213,7 @@ def _named(
     windows = np.argsort(middles)
     met = by_threshold(totals.windows, windows)
     came = met["exceed"][:, 0] > 0
-    ends = np.concatenate([rows.ends, rows.spawned_ends[: rows.spawned.n[0]]])
+    ends = np.concatenate([rows.ends[:-1], rows.spawned_ends[: rows.spawned.n[0]]])
     left = blocks_of(rows, log_events)
     for passages in (rows.passages, rows.passages_without):
         passed = passages.rows[: passages.n[0]]
