@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -14,15 +13,13 @@ from helpers.zone_slope import Case, box, place, two_areas
 from sassgis.engine.effects.fragmentation import Fragmentation
 from sassgis.grid import FloatArray
 from sassgis.runs.inputs import compared_run, read_rules
-from sassgis.runs.resumable_run import Workplace, configured, read_job
-from sassgis.runs.run import prepared, zone_simulation
+from sassgis.runs.resumable_run import configured, read_job
+from sassgis.runs.run import prepared
 from sassgis.settings.blocks import EffectSettings
 from sassgis.settings.map_run import MapRun, Round
 from sassgis.settings.results import ControlLine, Outcome, StopReason
 from sassgis.simulation.accumulators import Progress, as_stations
-from sassgis.simulation.checkpoint import progress_from, state_of
 from sassgis.simulation.loop import simulate_map
-from sassgis.simulation.workers import Processes
 from sassgis.terrain.prepare import Plan, plan
 
 
