@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -13,12 +14,13 @@ from helpers.zone_slope import Case, box, place, two_areas
 from sassgis.engine.effects.fragmentation import Fragmentation
 from sassgis.grid import FloatArray
 from sassgis.runs.inputs import compared_run, read_rules
-from sassgis.runs.resumable_run import configured, read_job
-from sassgis.runs.run import prepared
+from sassgis.runs.resumable_run import Workplace, configured, read_job
+from sassgis.runs.run import prepared, zone_simulation
 from sassgis.settings.blocks import EffectSettings
 from sassgis.settings.map_run import MapRun, Round
 from sassgis.settings.results import ControlLine, Outcome, StopReason
 from sassgis.simulation.accumulators import Progress, as_stations
+from sassgis.simulation.checkpoint import progress_from, state_of
 from sassgis.simulation.loop import simulate_map
 from sassgis.terrain.prepare import Plan, plan
 
@@ -116,3 +118,33 @@ def test_they_are_those_of_a_full_repetition(job: MapRun, name: str) -> None:
     met = {o for i in range(len(LINES)) for o, n in both.control_lines.outcomes(i).items() if n}
     assert met >= set(Outcome) - {Outcome.HELD_BY_NET}
     assert both.reasons[StopReason.REST] and both.reasons[StopReason.BARRIER]
+
+
+def test_they_are_the_same_in_rounds_of_as_many_blocks_as_needed(
+    case: Case, tmp_path: Path
+) -> None:
+    wall = {"name": "wall", "kind": "wall", "height_m": 2.0, "line": LINES[0][1].tolist()}
+    adaptive = {"blocks": "auto", "changed_share_max": 0.01, "blocks_max": 1500}
+    sections = {**case.sections, "hazard": {**case.sections["hazard"], **adaptive}}
+    config = configured(replace(case, sections=sections, lists={"barriers": [wall]}).write(), None)
+    read = read_job(config, None, lambda _text: None)
+    rules = read_rules(config, read.run)
+    job = prepared(read, rules)
+    done = zone_simulation(job, rules, Workplace(tmp_path, 2, None, lambda _text: None))
+    assert done.run.further_stations is None
+    assert len(done.run.rounds) > 2 and any(r.halvings is not None for r in done.run.rounds)
+    run = compared_run(config, done.run)
+    _assert_same_without(done.progress, run, done.planned)
+    # A state that is saved and read gives the same.
+    lines = tuple(line for line, _ in run.all_lines)
+    again = progress_from(state_of(done.progress), run.grid.values.size, lines, run.compared)
+    _assert_same_without(again, run, done.planned)
+
+
+def test_nothing_is_simulated_without_barriers_where_nobody_asks(case: Case, job: MapRun) -> None:
+    stations = replace(job, control_lines=LINES[4:5], further_stations=None)
+    config = configured(case.config, None)
+    for run in (stations, compared_run(config, stations)):
+        assert not simulate_map(run, plan(run)).compared
+    asked = replace(config, hazard=replace(config.hazard, compare_barriers=False))
+    assert compared_run(asked, replace(stations, control_lines=LINES)).further_stations is None
