@@ -133,7 +133,6 @@ def simulate_job(
     *,
     next_round: NextRound | None = None,
     schedule: str = "",
-    part: str = "",
     sums_only: bool = False,
 ) -> Simulation:
     """Simulate a job; what is computed is kept in the working folder whatever happens.
@@ -145,8 +144,6 @@ def simulate_job(
     schedule : str
         What the repetitions depend on: a saved state of another schedule is not used, as it may
         hold more of them than this one needs.
-    part : str
-        Name of the simulation among several for one result.
     sums_only : bool
         Whether only the sums are wanted, and written at once: no sample is repeated at other
         tolerances of the segments, and the state is not saved once more at the end.
@@ -155,7 +152,7 @@ def simulate_job(
     check_means(config, run, place.jobs)
     jobs = workers_asked(config, place.jobs)
     check_starts(run, planned.points, lambda: planned, config.release.file)
-    checkpoint = Checkpoint(place.folder, state_fingerprint(config, run, schedule), part)
+    checkpoint = Checkpoint(place.folder, state_fingerprint(config, run, schedule))
     began = time.perf_counter()
     progress = checkpoint.restore(run, tell)
     if progress is None:
@@ -178,9 +175,8 @@ def simulate_job(
         if more is None:
             break
     seconds = time.perf_counter() - began
-    # The same blocks without barriers have the same tolerance.
     tolerance = None
-    if not (part or sums_only):
+    if not sums_only:
         tell("Repeating a sample at half and double the tolerance")
         try:
             tolerance = check_tolerance(run, planned, jobs)
