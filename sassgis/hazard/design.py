@@ -188,8 +188,9 @@ def motion_warnings(
         if share >= _LEAST_SHARE:
             out.append(
                 phrase(
-                    "On {} % of the reached area, the 95 % {} exceed {} {}, the largest measured "
-                    "for blocks of this size. They reach {} {}, {} % more.",
+                    "On {} % of the reached area, 95 % {} exceed {} {}, the largest value "
+                    "measured on blocks of this size. They reach {} {} ({} % more). Check the "
+                    "ground classes.",
                     f"{100.0 * share:.0f}", phrase(words), short(limit), unit,
                     short(float(values.max())), unit,
                     f"{100.0 * (float(values.max()) / limit - 1.0):.0f}",
@@ -212,7 +213,7 @@ def words_at_line(sampled: Sequence[Sampled], line: int) -> str:
         value, limit = _q95(curves[name]), known[name]
         if value > limit:
             over = f"{100.0 * (value / limit - 1.0):.0f}"
-            text = "{} {} {}, {} % above the largest measured"
+            text = "{} {} {}, {} % above the largest measured value"
             found.append(phrase(text, phrase(words), short(value), unit, over))
     return joined("; ", found)
 

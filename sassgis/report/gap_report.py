@@ -40,7 +40,7 @@ from sassgis.report.figures.gap_figures import (
 from sassgis.report.page import Cell, ReportContext, ReportFigure, ReportTable, sensible, table_of
 from sassgis.report.pictures import picture
 from sassgis.settings.ground import PARAMETERS, GroundTable
-from sassgis.settings.languages import Phrase, capital, joined, phrase, translated
+from sassgis.settings.languages import Phrase, capital, counted, joined, phrase, translated
 from sassgis.settings.results import ground_name
 
 #: Below this number of rocks the report warns of it.
@@ -56,10 +56,7 @@ def report_warnings(case: Case, diagnosis: Diagnosis) -> list[str]:
     out: list[str] = []
     verdict = diagnosis.verdict
     if diagnosis.rocks < FEW_ROCKS:
-        text = (
-            "Only {} rocks were observed. Intervals are wide. Effects may be present that are not "
-            "named."
-        )
+        text = "Only {} rocks were observed. Intervals are wide, and effects may remain undetected."
         out.append(phrase(text, diagnosis.rocks))
     if verdict.effect not in gap_answer.UNNAMED and verdict.rivals:
         names = gap_answer.effect_names((verdict.effect, *verdict.rivals))
@@ -71,16 +68,15 @@ def report_warnings(case: Case, diagnosis: Diagnosis) -> list[str]:
         )
     left_out = sum(bool(f.left_out) for f in case.observations.findings)
     if left_out:
-        text = (
-            "Problems in the observations that exclude values, rows or tables: {}. List them with "
+        one = (
+            "{} problem in the observations excludes values, rows or tables. List it with sassgis "
+            "gap validate."
+        )
+        more = (
+            "{} problems in the observations exclude values, rows or tables. List them with "
             "sassgis gap validate."
         )
-        if left_out == 1:
-            text = (
-                "Problems in the observations that exclude values, rows or tables: 1. List them "
-                "with sassgis gap validate."
-            )
-        out.append(phrase(text, left_out))
+        out.append(counted(left_out, one, more, left_out))
     return out
 
 

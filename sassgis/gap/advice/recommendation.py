@@ -28,7 +28,7 @@ from sassgis.gap.words import (
     range_text,
 )
 from sassgis.grid import BoolArray, FloatArray, IntArray
-from sassgis.settings.languages import Phrase, all_of, capital, joined, named, phrase
+from sassgis.settings.languages import Phrase, all_of, capital, counted, joined, named, phrase
 
 
 def values_of(scale: Scale, rows: FloatArray, column: int) -> FloatArray:
@@ -216,9 +216,9 @@ def first_sentence(advice: Advice, ladder: Sequence[Rung], verdict: Verdict) -> 
         mentioned.append(far)
     if advice.wrong_ground:
         names = all_of(map(named, advice.wrong_ground))
-        one = phrase("No usual values of the ground class {} fit.", names)
-        more = phrase("No usual values of the ground classes {} fit.", names)
-        said.append(one if len(advice.wrong_ground) == 1 else more)
+        one = "No usual values of the ground class {} fit."
+        more = "No usual values of the ground classes {} fit."
+        said.append(counted(len(advice.wrong_ground), one, more, names))
     said += _to_run(advice, ladder)
     if advice.short is None:
         said += _remains(advice, mentioned, verdict)
