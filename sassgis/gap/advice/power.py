@@ -326,9 +326,9 @@ class CampaignPower:
             " / ".join(numbers),
         )
         after = phrase(
-            "Rocks released at {}, {}; stations at {} m along the fall line. Each named in 4 of 5 "
-            "simulated campaigns with usual errors of measurement. A calibration may hide weak "
-            "effects.",
+            "Rocks released at {}, {}; stations at {} m along the fall line. Each effect is "
+            "named in 4 of 5 simulated campaigns with usual errors of measurement. A calibration "
+            "may hide weak effects.",
             f"{self.x:.0f}", f"{self.y:.0f}", ", ".join(f"{s:.0f}" for s in self.stations_m),
         )  # fmt: skip
         table = [

@@ -252,7 +252,7 @@ def _shrinks(advice: Advice, ladder: Sequence[Rung]) -> list[Phrase]:
     if share is None:
         return []
     said = phrase(
-        "with {} the gap over all quantities shrinks by {} on rocks left out",
+        "with {} the gap over all quantities shrinks by {} on held-out rocks",
         file_has(advice.recommended),
         share,
     )
@@ -295,23 +295,24 @@ def _to_run(advice: Advice, ladder: Sequence[Rung]) -> list[Phrase]:
     why = [phrase("{}.", capital(advice.why))] if advice.why else []
     if advice.recommended == CONFIGURED:
         if advice.short is not None:
-            return [phrase("No tried model is recommended."), *why]
+            return [phrase("No tested model is recommended."), *why]
         return [phrase("Keep the configured ground."), *why]
     name = file_has(advice.recommended)
     if advice.short is not None:
         said = phrase(
-            "No tried model is recommended. With the nearest, {} (model/config.toml): {}.",
+            "No tested model is recommended. The nearest one is {} (model/config.toml); with it, "
+            "{}.",
             name,
             _off_by(advice.short, advice.left),
         )
         share = _shares(ladder).get(advice.recommended)
-        on_rocks = phrase("On rocks left out, it closes {} of the gap over all quantities.", share)
+        on_rocks = phrase("On held-out rocks, it closes {} of the gap over all quantities.", share)
         return [said, *([on_rocks] if share else []), *why]
     if advice.recommended == GROUND:
         return [*_what_to_set(advice), *why]
     apart = [n for n in advice.recommended.split("+") if n in CAUSES and CAUSES[n].of_data]
     if apart:
-        text = "{} is not part of the motion. The file does not contain it."
+        text = "{} concerns the data, so the file does not contain it."
         why = [phrase(text, capital(effect_name("+".join(apart)))), *why]
     return [phrase("Run model/config.toml (with {}).", name), *why]
 
@@ -398,8 +399,8 @@ def _no_difference(gap: ModelGap, advice: Advice) -> Phrase:
         for g in advice.compared
     )
     return phrase(
-        "As configured: no significant difference from {} rocks in {}. Observed less predicted "
-        "({} {}): {} {} (95 %: {} {}).",
+        "Configured model: no significant difference from {} rocks in {}. Observed minus "
+        "predicted ({} {}): {} {} (95 %: {} {}).",
         gap.rocks, all_of(compared), phrase(gap.statistic), quantity_name(gap.quantity),
         number_text(gap.gap), gap.unit, range_text(*gap.ci95), gap.unit,
     )  # fmt: skip

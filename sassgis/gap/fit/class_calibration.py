@@ -285,7 +285,9 @@ class SiteCalibration:
         if self.recommended:
             return phrase("Run the fitted classes: {}.", of_gain)
         if not np.isfinite(self.gain.value):
-            return "Keep the configured ground. There are too few rocks to predict left-out rocks."
+            return (
+                "Keep the configured ground. There are too few rocks for a test on held-out rocks."
+            )
         if worse:
             text = "Keep the configured ground. {}; they are worse at {}."
             return phrase(text, of_gain, worse)
