@@ -76,7 +76,7 @@ def dem() -> None:
 
 @click.group(cls=InOrder)
 def preset() -> None:
-    """Rules of hazard levels: write an office's own, check them."""
+    """Rules of hazard levels: copy, edit and check them."""
 
 
 for _command in (

@@ -111,9 +111,14 @@ def printed(found: Any, as_json: bool = False, *how: object) -> None:
 
 
 def notes(texts: Iterable[str]) -> None:
-    """Print warnings beside the result."""
-    for text in texts:
-        click.echo(f"Note: {text.removeprefix('warning: ')}", err=True)
+    """Print first the few warnings of what may make a result wrong, then all other ones."""
+    from sassgis.hazard.warnings import first_warnings
+
+    stated = tuple(texts)
+    first = first_warnings(stated)
+    for kind, said in (("Warning", first), ("Note", [t for t in stated if t not in first])):
+        for text in said:
+            click.echo(f"{kind}: {text.removeprefix('warning: ')}", err=True)
 
 
 def conclude(
@@ -155,7 +160,7 @@ OUT = click.option("-o", "--output", "out", required=True, type=PATH, help="Fold
 CONFIG = click.argument("config", type=PATH)
 OVERWRITE = click.option("--overwrite", is_flag=True, help="Overwrite, unless files were edited.")
 # Its limits are those of the setting, in whose place it is checked.
-SEED = click.option("--seed", type=int, help="In place of run.seed of the configuration.")
+SEED = click.option("--seed", type=int, help="Random seed; replaces run.seed of the configuration.")
 FIT_SEED = click.option("--seed", type=click.IntRange(0, 2**31 - 1), default=1, show_default=True)
 AREAS = several("--area", "areas", "Only this release area")
 JOBS = click.option("--jobs", type=click.IntRange(0), help="Processor cores; 0: all.")
@@ -163,23 +168,21 @@ JOBS = click.option("--jobs", type=click.IntRange(0), help="Processor cores; 0: 
 WORKERS = (
     JOBS,
     click.option("--scheduler", metavar="ADDRESS", help="Dask cluster: tcp://node:8786."),
-    click.option("--workers", type=click.IntRange(1), help="Processes of this machine."),
+    click.option("--workers", type=click.IntRange(1), help="Number of processes on this machine."),
 )
 MEMORY = click.option(
     "--memory", "memory_gb", type=click.FloatRange(min=1.0), metavar="GB",
-    help="Memory for all of it: fewer threads, areas or blocks of a mosaic at a time.",
+    help="Memory for the whole run: limits threads, areas and mosaic blocks at a time.",
 )  # fmt: skip
 # Its limits are those of the setting, too.
 GROUND_DRAWS = click.option(
     "--ground-uncertainty", type=int, metavar="N",
-    help="Simulate N draws of the ground classes, too: bands by their spread between sites.",
+    help="Also simulate N draws of the ground classes, for bands of their spread between sites.",
 )  # fmt: skip
-AS_JSON = click.option(
-    "--json", "as_json", is_flag=True, help="Print one JSON object in place of lines."
-)
-DEM_CRS = click.option("--crs", help="Coordinate system, where DEM states none.")
+AS_JSON = click.option("--json", "as_json", is_flag=True, help="Print one JSON object.")
+DEM_CRS = click.option("--crs", help="Coordinate system, if DEM states none.")
 OVERRIDE_CRS = click.option(
-    "--override-crs", is_flag=True, help="Use --crs even though DEM states another, wrong system."
+    "--override-crs", is_flag=True, help="Use --crs although DEM states another (wrong) system."
 )
 OBSERVATIONS = click.option(
     "--observations", required=True, type=PATH, help="A GeoPackage, or a folder of CSV files."

@@ -89,6 +89,15 @@ class SetUp(Phrase):
     """A warning that describes the set-up: what was put in, and not a map that may be wrong."""
 
 
+#: Warnings at the top of a page.
+_FIRST = 5
+
+
+def first_warnings(warnings: Sequence[str]) -> tuple[str, ...]:
+    """Choose the few warnings for the top of a page: about what may make a result wrong."""
+    return tuple(text for text in warnings if not isinstance(text, SetUp))[:_FIRST]
+
+
 def _set_up(text: str, *parts: object) -> SetUp:
     plain = phrase(text, *parts)
     return like_phrase(SetUp(plain), plain)
