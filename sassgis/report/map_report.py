@@ -113,21 +113,13 @@ def zone_lines(
     confidence: float,
     currency: str,
 ) -> Lines:
-    """State the area of the zones by level, how sure they are, and the risk of all objects."""
+    """State the area of the zones by level, the risk of all objects, and how sure they are."""
     areas = [phrase("{} {} m²", phrase(str(row[0])), sensible(row[2])) for row in levels.rows]
     hazard = found.hazard
     text = "{} The hatched cells ({} % of the zoned area) hold {} % of these changes."
     shares = (f"{100 * share:.3g}" for share in (hazard.uncertain_share, confidence))
     sample = phrase(text, sample_words(hazard.chances, preset), *shares)
-    lines: list[tuple[str, str]] = [
-        ("Hazard zones", joined("; ", areas)), ("Sampling error", sample)
-    ]  # fmt: skip
-    if edge:
-        lines.append(("Edge of the terrain model", edge))
-    if hazard.edits:
-        changed = sum(a.has_changed for a in hazard.edits)
-        text = "places: {}; of these with a changed computed level: {}"
-        lines.append(("Edited by hand", phrase(text, len(hazard.edits), changed)))
+    lines: list[tuple[str, str]] = [("Hazard zones", joined("; ", areas))]
     if found.risk is not None:
         total = total_rows(found.risk)[-1]
         text = "loss {} {}/year; deaths {} per year; largest individual risk {} per year"
@@ -135,6 +127,13 @@ def zone_lines(
         largest = sensible(total["individual_risk_largest_per_year"])
         risk = phrase(text, loss, currency, deaths, largest)
         lines.append(("Risk of all exposed objects", risk))
+    lines.append(("Sampling error", sample))
+    if edge:
+        lines.append(("Edge of the terrain model", edge))
+    if hazard.edits:
+        changed = sum(a.has_changed for a in hazard.edits)
+        text = "places: {}; of these with a changed computed level: {}"
+        lines.append(("Edited by hand", phrase(text, len(hazard.edits), changed)))
     return tuple(lines)
 
 
@@ -191,7 +190,7 @@ def station_figures(
         name, kind = lines[i].name, lines[i].kind
         title = named(name) if kind == "station" else phrase("{} ({})", name, phrase(kind))
         figure = figures.station_figure(title, *bins, n=n)
-        title, alt = phrase("Blocks at {}", name), alts.get(name, "")
+        title, alt = phrase("Passing blocks: {}", name), alts.get(name, "")
         out.append(picture(folder, f"station_{stem}", title, caption, figure, alt))
     return out
 

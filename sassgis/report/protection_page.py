@@ -135,8 +135,9 @@ def with_limits(value: float, low: float, high: float) -> Cell:
     """Return a value with its limits, in words; None where there is none."""
     if not np.isfinite(value):
         return None
-    most = sensible(high) if np.isfinite(high) else phrase("more")
-    return phrase("{} ({} to {})", sensible(value), sensible(low), most)
+    if not np.isfinite(high):
+        return phrase("{} ({} or more)", sensible(value), sensible(low))
+    return phrase("{} ({} to {})", *map(sensible, (value, low, high)))
 
 
 def limited(row: pd.Series, column: str) -> Cell:

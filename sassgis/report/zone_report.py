@@ -30,6 +30,11 @@ from sassgis.settings.map_run import MapRun
 from sassgis.settings.results import RasterLayer, rounded, thousands
 
 BARRIERS_TITLE = "Effect of walls and nets"
+#: Over what rows of the table of risk are summed.
+_SCOPES = {
+    "whole": "whole object", "kind": "kind of object", "source": "release area and scenario",
+    "all": "all objects",
+}  # fmt: skip
 
 
 def telling_place(hazard: Hazard) -> int | None:
@@ -338,7 +343,7 @@ def _risk_table(risk: RiskTable, without: RiskTable | None, money: str) -> Repor
     rows = []
     for total in total_rows(risk):
         row = [
-            total["name"], total["scope"], rounded(total["hits_per_year"]),
+            total["name"], _SCOPES[total["scope"]], rounded(total["hits_per_year"]),
             rounded(total["loss_per_year"]), rounded(total["loss_per_year_se"], 2),
             rounded(total["deaths_per_year"]), rounded(total["deaths_per_year_se"], 2),
             rounded(total["individual_risk_largest_per_year"]),
