@@ -49,7 +49,7 @@ def calibrate(
 ) -> None:
     """Fit ground classes to OBSERVATIONS; MORE sites as pairs: CONFIG2 OBS2 ...
 
-    The same command goes on after an interruption.
+    The same command resumes after an interruption.
     """
     from sassgis.report.calibration_report import calibration_warnings, verdict
     from sassgis.runs.calibrate import calibrate as run_calibration
@@ -99,7 +99,7 @@ def template(path: Path, crs: str | None, site: Path | None, jobs: int | None) -
     example="gap validate observed --config sassgis.toml",
 )
 def validate_observations(observations: Path, config: Path | None) -> None:
-    """Read OBSERVATIONS and say what is wrong with them and what can be identified.
+    """Check OBSERVATIONS; list their faults and what they can identify.
 
     Exit code 1 where something is wrong; a warning leaves it at 0.
     """

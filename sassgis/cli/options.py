@@ -42,7 +42,7 @@ class ProgressBar:
         self.close()
 
     def say(self, text: str) -> None:
-        """Say what is done next."""
+        """Announce the next step."""
         self.close()
         _tell(f"{text} ...")
 
@@ -50,7 +50,7 @@ class ProgressBar:
         """Show the progress of a run."""
         now = time.monotonic()
         # The first chunk gives no pace: it waits for the program to be compiled, and in a run that
-        # goes on from a saved state all before it was done another time. Each stage has its own.
+        # resumes from a saved state all before it was done another time. Each stage has a pace.
         if self._began is None or done < self._done:
             self._began = (now, done)
         self._done = done
@@ -87,7 +87,7 @@ def _tell(text: str, nl: bool = True) -> None:
 
 
 def print_json(found: Mapping[str, object]) -> None:
-    """Print one JSON object; what is not finite is null, a path its text."""
+    """Print one JSON object: numbers that are not finite as null, paths as text."""
 
     def plain(value: object) -> object:
         if isinstance(value, Mapping):
@@ -102,7 +102,7 @@ def print_json(found: Mapping[str, object]) -> None:
 
 
 def printed(found: Any, as_json: bool = False, *how: object) -> None:
-    """Print what was found, line by line (``how`` goes to ``lines``) or as one JSON object."""
+    """Print a report, line by line (``how`` goes to ``lines``) or as one JSON object."""
     if as_json:
         print_json(found.as_dict())
     else:
@@ -149,7 +149,7 @@ PATH = click.Path(path_type=Path)
 
 
 def several(name: str, dest: str, meaning: str) -> Decorator:
-    """An option that may be given several times; None where it is not given."""
+    """Declare an option that may be given several times; None without it."""
     meaning += "; may be given several times."
     return click.option(
         name, dest, multiple=True, callback=lambda _, __, given: given or None, help=meaning
@@ -190,9 +190,9 @@ OBSERVATIONS = click.option(
 
 
 def command(*parameters: Decorator, example: str, **more: Any) -> Callable[[Any], click.Command]:
-    """A command from its arguments and options in order; what is heavy it imports when it runs.
+    """Declare a command with arguments and options in order; heavy imports wait until it runs.
 
-    Options whose names are those of the function that does the work go through as ``given``.
+    Options named like parameters of the working function pass through as ``given``.
     """
 
     def made(function: Any) -> click.Command:
@@ -220,7 +220,7 @@ def settings_as_options() -> Iterator[None]:
 
 @contextmanager
 def at_work(given: Mapping[str, Any]) -> Iterator[dict[str, Any]]:
-    """What is given, with who works (threads, processes or a cluster) and how progress is shown."""
+    """Give the options with the workers (threads, processes or a cluster) and the progress bar."""
     plain = dict(given)
     jobs, scheduler, workers = (plain.pop(key, None) for key in ("jobs", "scheduler", "workers"))
     if sum(asked is not None for asked in (jobs, scheduler, workers)) > 1:

@@ -1,4 +1,4 @@
-"""Names of effects, quantities and places as a reader knows them."""
+"""Names of effects, quantities and places, for readers."""
 
 from __future__ import annotations
 
@@ -96,7 +96,7 @@ def rung_name(rung: str) -> Phrase:
 
 
 def file_has(rung: str) -> Phrase:
-    """Describe the configuration of a model of the ladder: no errors of the data."""
+    """Describe the configuration of a model of the ladder, without errors of the data."""
     moving = [own for own in rung.split("+") if own not in CAUSES or not CAUSES[own].of_data]
     if moving:
         return rung_name("+".join(moving))
@@ -112,7 +112,7 @@ def effect_phrase(effect: str) -> Phrase:
 
 
 def closed_percent(share: float) -> float:
-    """Return closed share of a gap, in per cent: nearer than chance leaves models is no nearer."""
+    """Return the closed share of a gap in per cent, at most 100 (the distance of chance)."""
     return 100.0 * min(share, 1.0)
 
 

@@ -39,7 +39,7 @@ class Arrivals:
         """Return curves between which this one lies, given the sample."""
         ends = (end.sum(axis=0) for end in rate_interval(self.curves, confidence))
         low, high = (replace(self, rate=np.minimum.accumulate(rate)) for rate in ends)
-        # Of what is beyond the largest value nothing was seen.
+        # No block exceeded the largest value.
         return low, replace(high, largest=float("inf"))
 
 
@@ -158,7 +158,7 @@ def measured_at(volume_m3: float) -> dict[str, float]:
 
 
 def size_warnings(blocks: tuple[BlockPopulation, ...]) -> list[str]:
-    """Return scenarios with blocks larger than any whose motion was measured."""
+    """Warn of scenarios with blocks larger than any whose motion was measured."""
     known = measured_motion()[-2]["volume_to_m3"]
     beyond = [f"{own.name} ({short(own.volume_limits_m3[1])} m³)" for own in blocks
               if own.volume_limits_m3[1] > known]  # fmt: skip
@@ -202,8 +202,8 @@ def motion_warnings(
 def words_at_line(sampled: Sequence[Sampled], line: int) -> str:
     """State how far 95 % values at a station or barrier exceed measurements; else empty.
 
-    The size is that of the mass of which 95 % are below, at the density of a block of which nothing
-    is said.
+    The size is that of the 95 % quantile of the mass, at the default density of a
+    block.
     """
     curves = {name: arrivals(sampled, line, name) for name, _, _ in _COMPARED}
     mass = _q95(arrivals(sampled, line, "mass_kg"))

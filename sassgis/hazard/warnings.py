@@ -26,7 +26,7 @@ from sassgis.simulation.accumulators import Progress, line_ends
 from sassgis.simulation.path_sample import ProfileResult
 from sassgis.terrain.release import points_by_size
 
-#: What is said of one fall line that ends so, and of several.
+#: Warnings by the end of one fall line, and of several.
 _LINE_ENDS = (
     (
         LineEnd.LEFT_DEM,
@@ -58,7 +58,7 @@ _TRUST_WARNINGS: tuple[tuple[Trust, str], ...] = (
 )
 #: Points and size of a release area differ by more than this factor, and by so many points.
 _UNEVEN, _FEW_POINTS = 2.0, 2
-#: What is said of one block that ends so, and of several.
+#: Warnings by the stopping reason of one block, and of several.
 _STOPS = (
     (
         StopReason.LEFT_PROFILE,
@@ -143,7 +143,7 @@ def ground_warnings(used: Sequence[tuple[GroundClass, float]]) -> list[str]:
 
 
 def path_warnings(path: str) -> list[str]:
-    """State what paths of this kind leave out."""
+    """Warn of the limits of paths of this kind."""
     if path == "followed":
         return []
     return [
@@ -195,7 +195,7 @@ def idle_areas(areas: Iterable[str]) -> list[str]:
 
 
 def simulation_warnings(run: MapRun, progress: Progress) -> list[str]:
-    """Warn of what happened to blocks and lines, and of what the inputs leave open."""
+    """Warn of lost blocks and lines, and of uncertain inputs."""
     total = max(int(progress.reasons.sum()), 1)
     started = max(total - int(progress.reasons[StopReason.NEVER_STARTED]), 1)
     out: list[str] = []
@@ -233,7 +233,7 @@ def simulation_warnings(run: MapRun, progress: Progress) -> list[str]:
 
 
 def rule_warnings(preset: HazardPreset, frequencies: Mapping[tuple[str, str], float]) -> list[str]:
-    """Warn of what a zoning's rules leave open, with blocks per year by area and scenario."""
+    """Warn of unverified rules and of sources with a frequency (blocks per year) of zero."""
     out: list[str] = [_set_up(text) for text in preset_unverified(preset)]
     idle = [f"{area} / {scenario}" for (area, scenario), n in frequencies.items() if n == 0.0]
     if idle:
@@ -242,7 +242,7 @@ def rule_warnings(preset: HazardPreset, frequencies: Mapping[tuple[str, str], fl
 
 
 def sample_words(chances: LevelChances, preset: HazardPreset) -> str:
-    """State what another sample would change, in one sentence for command, report and sheets."""
+    """State the change with another random seed, in one sentence for command, report and sheets."""
     shares = zip(preset.levels, chances.changed_by_level.tolist(), strict=True)
     levels = [
         phrase("{} {} %", phrase(level.label), f"{100 * share:.1f}")
@@ -255,7 +255,7 @@ def sample_words(chances: LevelChances, preset: HazardPreset) -> str:
 def edge_words(run: MapRun, progress: Progress, open_m: float) -> str:
     """State that blocks were lost at the edge of the terrain; empty without any.
 
-    ``open_m`` is the length over which zones go on there (m).
+    ``open_m`` is the length over which zones continue there (m).
     """
     # On fall lines blocks are lost at the ends of these, too.
     if not run.followed or not progress.lost_share:
@@ -273,7 +273,7 @@ def edge_words(run: MapRun, progress: Progress, open_m: float) -> str:
 def zone_warnings(
     chances: LevelChances, preset: HazardPreset, budget: BlockBudget | None
 ) -> list[str]:
-    """Warn of what a zoning has not settled within its budget."""
+    """Warn of a zoning that stopped before its levels were certain enough."""
     if budget is None or chances.target_share <= budget.changed_share:
         return []
     text = (
@@ -311,7 +311,7 @@ def edit_warnings(applied: Sequence[AppliedEdit]) -> list[str]:
 
 
 def profile_warnings(result: ProfileResult, effects: EffectSettings) -> list[str]:
-    """Warn of what happened to the blocks of a profile."""
+    """Warn of lost blocks of a profile."""
     out: list[str] = []
     if effects.get(LateralDeflection) is not None:
         out.append("A profile has no width. [effects.lateral_deflection] has no effect here.")

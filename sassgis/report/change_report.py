@@ -30,7 +30,7 @@ from sassgis.studies.stored_result import StoredResult
 _RAMPS = {"reach_probability": "plasma_r", "energy": "YlOrRd", "passing_height": "YlGnBu"}
 _NOTHING = "Cells that no block reaches count as zero."
 _UNITS = {"m2": "m²"}
-#: What is said of several of a kind that differ.
+#: Plural of the kinds that differ.
 _SEVERAL = {
     "program": "version of sassgis",
     "setting": "settings",

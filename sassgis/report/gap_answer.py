@@ -20,7 +20,7 @@ MATTERS = ("speed_mps", "runout_m", "energy_kept", "height_m", "rotation_hz", "l
 
 
 def verdict_sentence(diagnosis: Diagnosis) -> Phrase:
-    """Return what the first sentence leaves open: how sure the answer is, what is not testable."""
+    """Return the certainty of the answer and the causes that are not testable."""
     verdict = diagnosis.verdict
     out = _of_named(diagnosis) if verdict.named else [_unnamed(diagnosis)]
     if verdict.group_probability >= 0.0 and not verdict.named:
@@ -32,7 +32,7 @@ def verdict_sentence(diagnosis: Diagnosis) -> Phrase:
 
 
 def _of_named(diagnosis: Diagnosis) -> list[Phrase]:
-    """Return what is to be known of a cause that is named."""
+    """Return what qualifies a named cause."""
     verdict, by = diagnosis.verdict, diagnosis.shrinkage
     out = []
     if "measurement_error" in verdict.named:
@@ -47,7 +47,7 @@ def _of_named(diagnosis: Diagnosis) -> list[Phrase]:
 
 
 def _scaled(named: Hypothesis | None) -> list[Phrase]:
-    """Return the factor by which speeds were observed, if that is no chance."""
+    """Return the factor of the observed speeds, if it is significant."""
     scale = None if named is None else named.parameters.get("scale")
     low, high = (1.0, 1.0) if named is None else named.intervals.get("scale", (1.0, 1.0))
     if scale is None or low <= 1.0 <= high:

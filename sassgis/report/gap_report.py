@@ -47,7 +47,7 @@ from sassgis.settings.results import ground_name
 FEW_ROCKS = 20
 #: Findings in the table of the report.
 _ROWS = 40
-#: In place of what is not distinguishable from chance.
+#: In place of values that are not distinguishable from chance.
 CHANCE = phrase("chance")
 
 

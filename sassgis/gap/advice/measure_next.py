@@ -55,7 +55,7 @@ class Identifiable:
     rocks: int
     unattributed: int  # blocks and passages that belong to none of the rocks
     quantities: tuple[Quantity, ...]
-    #: Sentences: what is missing, and what is therefore not identifiable.
+    #: Sentences: the missing data, and what they would identify.
     not_identifiable: tuple[str, ...]
     not_testable: str = ""  # causes that leave nothing in the given tables
 

@@ -1,4 +1,4 @@
-"""Errors of a calibrated model, and what is wrong with calibrated values."""
+"""Errors of a calibrated model, and checks of calibrated values."""
 
 from __future__ import annotations
 
@@ -153,7 +153,7 @@ def _errors(
 
 #: Built-in classes from hard to soft: ground on which nothing yields, loose blocks, soil.
 HARDNESS = (HARD, ("talus", "debris"), ("overgrown_slope", "forest_soil", "soft_meadow"))
-#: What harder ground has no less of (1) or no more of (-1), and what is said where it has.
+#: Harder ground has at least as much (1) or at most as much (-1) of these; the message if not.
 _ORDER = {
     "restitution": (1, "{} is harder than {} but has less restitution ({}, {})"),
     "mu_0": (-1, "{} is harder than {} but has more rolling friction ({}, {})"),

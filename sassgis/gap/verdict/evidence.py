@@ -340,7 +340,7 @@ def verdict_of(
 
 
 def _most_probable(shares: Mapping[str, float], gains: Mapping[str, CauseGain]) -> str:
-    """Return most probable cause, of several alike the one whose gain is surest; "none" without."""
+    """Return the most probable cause, with the most certain gain if equal; else "none"."""
     causes = [name for name in shares if name not in (NONE, UNKNOWN)]
     alike = [name for name in causes if shares[name] >= shares[causes[0]]]
     return max(alike, key=lambda n: gains[n].sureness if n in gains else 0.0, default=NONE)

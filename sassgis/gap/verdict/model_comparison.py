@@ -119,7 +119,7 @@ class Ladder:
         return (*out, Rung(FLOOR, floor))
 
     def recommended(self, *names: str) -> tuple[str, str]:
-        """Return the last model whose gain over the simpler ones clears zero, and why no other.
+        """Return the last model whose gain over the simpler ones is above zero, and why no other.
 
         A model must close certainly more (95 %, rocks left out) than the one that it is added to,
         and than the one that is recommended without it.

@@ -1,4 +1,4 @@
-"""Findings of where the gap lies; tests of fingerprints; the cause, its group, what is confused.
+"""Findings by place; tests of fingerprints; the cause, its group and its rivals.
 
 A fingerprint is one number per rock (or per group of rocks); its z is that of the mean over the
 groups, with the errors of measurement, of the comparison, and of stated errors that may be wrong
@@ -465,7 +465,7 @@ def group_probability(group: str, shares: Mapping[str, float]) -> float:
 
 
 def confusion_set(effect: str, least: float, shares: Mapping[str, float]) -> tuple[str, ...]:
-    """Return answer, then what is as probable as ``least`` or as the answer, most likely first."""
+    """Return the answer, then causes as probable as it or as ``least``, most likely first."""
     named = effect.split("+")
     least = min([least, *(p for n, p in shares.items() if n in named)])
     return tuple(dict.fromkeys([*named, *(n for n, p in shares.items() if p >= least)]))
@@ -536,7 +536,7 @@ class CauseWeights:
 def evidence_of(
     cause: str, prints: Sequence[Fingerprint], gains: Mapping[str, CauseGain]
 ) -> FloatArray:
-    """Return FEATURES of a cause, (4,); what is unseen is 0."""
+    """Return FEATURES of a cause, shape (4,); 0 for unobserved ones."""
     clear = {own.name for own in CAUSES[cause].statistics if own.clear}
     own = {f.statistic: f.z for f in prints if f.effect == cause and f.observable}
     best = [
