@@ -598,14 +598,14 @@ def test_the_answer_comes_first_with_its_uncertainty(written: Path) -> None:
     words = words_of(written / "report.html")
     told = (
         "In the run-out simulated blocks stop 12 % too far.",
-        "These data do not separate it from: soft ground.",
+        "These data do not distinguish it from: soft ground.",
         "Trees: 71 % Soft ground: 19 % Unknown or not testable with these data: 9 %",
         "Speeds of rocks of different mass in the stand.",
         "Where the gap lies with the configured model",
         "3 of 11 comparisons are significant after adjustment for their number",
         "Speed at S2",
         "Where the gap lies after calibration",
-        "closes 74 % of the gap that calibration leaves beyond chance (95 % interval 60 % to 85 %)",
+        "74 % of the gap that remains beyond chance after calibration (95 % interval 60 % to 85 %)",
         "No turns in plan",
         "Figure 2.",
         "Table 1.",
@@ -673,9 +673,11 @@ def test_a_scale_of_speeds_that_is_named_is_told(few_case: Case) -> None:
     verdict = replace(made.verdict, effect="measurement_error")
     said = verdict_sentence(replace(made, verdict=verdict, which=(own,)))
     assert "This error lies in the observations." in said
-    assert "Observed speeds are 1.13 times those that fit (95 %: 1.01" in said
+    assert "Observed speeds are 1.13 times the speeds that fit the other data (95 %: 1.01" in said
     unsure = replace(own, intervals={"scale": (0.97, 1.21)})
-    assert "times those" not in verdict_sentence(replace(made, verdict=verdict, which=(unsure,)))
+    assert "times the speeds" not in verdict_sentence(
+        replace(made, verdict=verdict, which=(unsure,))
+    )
 
 
 def test_what_is_possible_beside_an_unknown_cause_is_told(few_case: Case) -> None:
