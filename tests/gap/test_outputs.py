@@ -619,11 +619,11 @@ def test_the_answer_comes_first_with_its_uncertainty(written: Path) -> None:
 @pytest.mark.parametrize(
     ("language", "words"),
     [
-        ("de", ("Bäume: 71 %", "Wo die Abweichung liegt, wie konfiguriert",
+        ("de", ("Bäume: 71 %", "Wo die Abweichung des konfigurierten Modells liegt",
                 "Geschwindigkeit bei S2: beobachtet", "Kalibrierte Modelle", "Ausbruch-S1"),
         ),
-        ("fr", ("Arbres: 71 %", "Où se situe l'écart selon la configuration",
-                "Vitesse à S2: observé", "Modèles calibrés", "départ-S1"),
+        ("fr", ("Arbres\u00a0: 71 %", "Où se situe l'écart du modèle configuré",
+                "Vitesse à S2\u00a0: observé", "Modèles calibrés", "départ-S1"),
         ),
     ],
 )  # fmt: skip

@@ -393,7 +393,7 @@ def test_a_run_without_zones_says_what_comes(
     text = opened(
         tmp_path / "out" / "map.html", f"ask({x[0]}, {y[0]}); return get('found').innerText;"
     )
-    assert "Simulierte Blöcke, die hierher kommen" in text and "Gefahrenstufe" not in text
+    assert "Simulierte Blöcke, die hier ankommen" in text and "Gefahrenstufe" not in text
     blocks = re.search(r"Simulierte Blöcke\s+(\d+)", text)
     assert blocks is not None and int(blocks[1]) == int(np.nanmax(result.maps.passages))
 
