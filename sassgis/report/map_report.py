@@ -161,7 +161,7 @@ def line_figure(shown: LinePaths) -> Figure:
         z[:last],
         shown.paths,
         ground=shown.ground[:last],
-        ground_names=shown.ground_names,
+        ground_names=[ground_name(name) for name in shown.ground_names],
         control_lines=[
             (line, chainage, float(np.interp(chainage, s, z)))
             for line, chainage in shown.control_lines
@@ -438,7 +438,7 @@ def profile_panel(result: ProfileResult, title: str = "") -> figures.ProfilePane
         z=p.z,
         trajectories=list(result.paths),
         ground=p.ground.astype(np.int64),
-        ground_names=p.table.names,
+        ground_names=[ground_name(name) for name in p.table.names],
         control_lines=[(g, c, float(np.interp(c, p.s, p.z))) for g, c in p.control_lines],
         stops=ended["runout_m"][drawn],
         title=title or p.name,

@@ -223,7 +223,7 @@ def profile_figure(panels: Sequence[ProfilePanel]) -> Figure:
         caption = style.wrap(panel.caption(), room)
         pad = 5.0 + 9.0 * style.lines_in(caption)
         ax.set_title(
-            style.wrap(f"{letter}{panel.title}", room, style.TITLE),
+            style.wrap(joined("", (letter, panel.title)), room, style.TITLE),
             size=style.TITLE,
             pad=pad,
         )
