@@ -199,7 +199,7 @@ def test_all_exposed_objects_are_counted_and_as_many_listed_as_a_page_can_show()
     placed = PlacedObjects(houses, (box(0.0, 0.0, 1.0, 1.0),) * n)
     exposed = exposed_table(placed, ObjectValues(estimate, estimate, estimate), {})
     ((_, words),) = object_lines(exposed)
-    assert f"blocks reach {reached} of {n}; most at house {reached - 1}" in words
+    assert f"blocks reach {reached} of {n} objects; largest value at house {reached - 1}" in words
     listed = most_exposed(exposed)
     assert listed.rows == exposed.rows[:MOST_ROWS] and listed.note.startswith(exposed.note)
     assert f"{MOST_ROWS} of {n} are listed" in listed.note
