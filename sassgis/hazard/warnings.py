@@ -21,7 +21,15 @@ from sassgis.settings.ground import GroundClass, Trust
 from sassgis.settings.hazard_rules import BlockBudget, HazardPreset
 from sassgis.settings.languages import Phrase, counted, joined, like_phrase, phrase
 from sassgis.settings.map_run import MapRun
-from sassgis.settings.results import STOP_TEXT, LineEnd, ReleasePoints, StopReason, short, thousands
+from sassgis.settings.results import (
+    STOP_TEXT,
+    LineEnd,
+    ReleasePoints,
+    StopReason,
+    ground_name,
+    short,
+    thousands,
+)
 from sassgis.simulation.accumulators import Progress, line_ends
 from sassgis.simulation.path_sample import ProfileResult
 from sassgis.terrain.release import points_by_size
@@ -123,7 +131,8 @@ def ground_shares(run: MapRun, cells: IntArray) -> list[tuple[GroundClass, float
 
 def ground_words(used: Iterable[tuple[GroundClass, float]]) -> str:
     """Return classes with their share: "rock 12 %, debris 30 %"."""
-    return ", ".join(f"{c.name} {100 * share:.0f} %" for c, share in used)
+    classes = (phrase("{} {} %", ground_name(c.name), f"{100 * share:.0f}") for c, share in used)
+    return joined(", ", classes)
 
 
 def ground_warnings(used: Sequence[tuple[GroundClass, float]]) -> list[str]:
