@@ -107,7 +107,7 @@ def test_full_report_says_everything_the_answer_first_and_then_the_warnings() ->
     assert base64.b64decode(inside) == PNG and page.count("base64,") == 1
     order = [
         "Bedrina 1 100 000 rocks", "A. Author · 2026-01-31", "Figure 1. Run-out.",
-        "Where rocks end.", "In short", "Energy at objects 12 kJ", "Read this first",
+        "Where rocks end.", "In short", "Energy at objects 12 kJ", "Check before use",
         "12 rocks left the profile", "Contents Main results What was computed Tables Stations",
         "Over the rocks that pass.", "What was computed", "Table 1. Stations",
         "How to repeat this run",
@@ -199,7 +199,7 @@ def test_all_exposed_objects_are_counted_and_as_many_listed_as_a_page_can_show()
     placed = PlacedObjects(houses, (box(0.0, 0.0, 1.0, 1.0),) * n)
     exposed = exposed_table(placed, ObjectValues(estimate, estimate, estimate), {})
     ((_, words),) = object_lines(exposed)
-    assert f"blocks reach {reached} of {n}; most at house {reached - 1}" in words
+    assert f"blocks reach {reached} of {n} objects; largest value at house {reached - 1}" in words
     listed = most_exposed(exposed)
     assert listed.rows == exposed.rows[:MOST_ROWS] and listed.note.startswith(exposed.note)
     assert f"{MOST_ROWS} of {n} are listed" in listed.note

@@ -236,8 +236,8 @@ def test_the_note_tells_the_level_and_what_decides_it() -> None:
     often = curves([0.05, 0.04, 0.04, 0.008, 0.001, 0.0])
     unknown = replace(CURVE, variance=np.full_like(CURVE.variance, np.nan))
     for known, row, words in (
-        (CURVE, 1, "Level: moderate (blue), by blocks of any energy, once in 20 years."),
-        (often, 1, "by blocks of 30 kJ and more, once in 25 years."),
+        (CURVE, 1, "Level: moderate (blue), from blocks of any energy, once in 20 years."),
+        (often, 1, "from blocks of 30 kJ and more, once in 25 years."),
         (CURVE, 0, "No block arrives here."),
         (unknown, 1, "does not give the error"),
     ):
@@ -274,7 +274,7 @@ def test_the_largest_risks_stand_on_top() -> None:
     words = texts(figure)
     assert "deaths (10⁻⁶ 1/year)" in words
     assert "Sum of all 5 objects: 1.10 × 10⁻⁴ 1/year." in words
-    assert "Not drawn: 1 object of less risk, together 1.00 × 10⁻⁵ 1/year." in words
+    assert "Not drawn: 1 object of lower risk (1.00 × 10⁻⁵ 1/year)." in words
 
 
 def test_amounts() -> None:

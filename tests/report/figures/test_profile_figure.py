@@ -50,7 +50,7 @@ def test_profile_shows_what_was_given() -> None:
     for word in ("Bedrina 1", "rock", "debris", "chainage (m)", "height (m)", "camera 2"):
         assert word in words
     assert "2 paths of the centre of mass" in words
-    assert "where 2 blocks ended" in words
+    assert "where 2 blocks stopped" in words
 
 
 def test_barriers_stand_at_their_true_height() -> None:
@@ -113,4 +113,4 @@ def test_many_paths_are_bands_with_some_of_them() -> None:
         at = corners[np.isclose(corners[:, 0], S[0])][:, 1] - Z[0]
         assert (at.min(), at.max()) == (pytest.approx(low), pytest.approx(high))
     words = texts(figure)
-    assert "81 paths" in words and "lines: 30 of them" in words
+    assert "81 paths" in words and "30 of them as lines" in words
