@@ -35,14 +35,14 @@ class SourceSums:
 
     def add(self, places: IntArray, count: IntArray, square: IntArray) -> None:
         """Add counts of some places, each of which is named once; all as in SourceCounts."""
-        if self._handed_out:
-            self._count, self._square = self._count.copy(), self._square.copy()
-            self._handed_out = False
         reached = np.flatnonzero(count[:, 0] > 0)
         at, known = self._found(places[reached])
         if not known.all():
             self._grow(np.sort(places[reached[~known]]))
             at, _ = self._found(places[reached])
+        if self._handed_out:
+            self._count, self._square = self._count.copy(), self._square.copy()
+            self._handed_out = False
         _add_rows(self._count, self._square, self._row[at], count, square, reached)
 
     def _found(self, places: IntArray) -> tuple[IntArray, NDArray[np.bool_]]:
