@@ -175,7 +175,7 @@ def to_png(figure: Figure) -> bytes:
     with house_style():
         figure.set_dpi(DPI)
         # Not savefig, which draws everything twice: at first only to lay it out.
-        canvas = FigureCanvasAgg(figure)
+        canvas: Any = FigureCanvasAgg(figure)
         canvas.draw()
         dots = np.asarray(canvas.buffer_rgba())
         imsave(buffer, dots, format="png", dpi=DPI, metadata=nameless)
