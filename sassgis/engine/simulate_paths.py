@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -36,6 +37,8 @@ from sassgis.settings.settings import EngineSettings
 from sassgis.settings.statistics_table import Bins, default_bins
 from sassgis.terrain.cells import exact_positions
 
+# Around the box of a station or barrier (cells), so that no rounding loses a crossing.
+_AROUND = 1e-6
 # For how many cells there has to be room, by the shape of the grid and the number of windows listed
 # for each. Results do not depend on it.
 _ENOUGH: dict[tuple[tuple[int, int], int], int] = {}
@@ -178,8 +181,15 @@ def path_of(
     """Return the terrain as the kernel takes it."""
     grid, forest = terrain.grid, terrain.forest
     traces = [np.asarray(trace, np.float64) for _, trace in terrain.control_lines]
-    number = [np.r_[np.full(len(t) - 1, i), -1] for i, t in enumerate(traces)]
     xy = np.concatenate([np.empty((0, 2)), *traces])
+    u = exact_positions((xy[:, 0] - grid.west) / grid.cell_size)
+    v = exact_positions((grid.north - xy[:, 1]) / grid.cell_size)
+    first = np.cumsum([0, *map(len, traces)]).astype(np.int64)
+    boxes = [
+        (own.min() - _AROUND, own.max() + _AROUND)
+        for a, b in itertools.pairwise(first)
+        for own in (u[a:b], v[a:b])
+    ]
     none = np.empty(0)
     sides = np.zeros((len(points), 2, 2)) if points.sides is None else points.sides
     return Path(
@@ -192,9 +202,10 @@ def path_of(
         side_tilt=math.radians(settings.side_tilt_deg),
         drift=math.radians(settings.drift_deg),
         sides=sides.reshape(-1, 4) * [1.0, -1.0, 1.0, -1.0] / grid.cell_size,
-        line_u=exact_positions((xy[:, 0] - grid.west) / grid.cell_size),
-        line_v=exact_positions((grid.north - xy[:, 1]) / grid.cell_size),
-        line_number=np.concatenate([np.empty(0, np.int64), *number]).astype(np.int64),
+        line_u=u,
+        line_v=v,
+        line_first=first,
+        line_box=np.array(boxes, np.float64).reshape(-1, 4),
         lines=control_line_table([line for line, _ in terrain.control_lines]),
         line_seen=np.zeros(len(traces), np.bool_),
         register=register,

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import partial
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -11,15 +13,18 @@ from helpers.map_sums_state import assert_same
 from helpers.zone_slope import Case, box, place, two_areas
 
 from sassgis.engine.effects.fragmentation import Fragmentation
+from sassgis.errors import ConfigError, InputError
 from sassgis.grid import FloatArray
 from sassgis.runs.inputs import compared_run, read_rules
-from sassgis.runs.resumable_run import configured, read_job
-from sassgis.runs.run import prepared
+from sassgis.runs.resumable_run import Workplace, configured, read_job
+from sassgis.runs.run import prepared, zone, zone_simulation
 from sassgis.settings.blocks import EffectSettings
 from sassgis.settings.map_run import MapRun, Round
 from sassgis.settings.results import ControlLine, Outcome, StopReason
 from sassgis.simulation.accumulators import Progress, as_stations
+from sassgis.simulation.checkpoint import progress_from, state_of
 from sassgis.simulation.loop import simulate_map
+from sassgis.simulation.reuse import KEPT_NAME
 from sassgis.terrain.prepare import Plan, plan
 
 
@@ -116,3 +121,87 @@ def test_they_are_those_of_a_full_repetition(job: MapRun, name: str) -> None:
     met = {o for i in range(len(LINES)) for o, n in both.control_lines.outcomes(i).items() if n}
     assert met >= set(Outcome) - {Outcome.HELD_BY_NET}
     assert both.reasons[StopReason.REST] and both.reasons[StopReason.BARRIER]
+
+
+def test_they_are_the_same_in_rounds_of_as_many_blocks_as_needed(
+    case: Case, tmp_path: Path
+) -> None:
+    wall = {"name": "wall", "kind": "wall", "height_m": 2.0, "line": LINES[0][1].tolist()}
+    adaptive = {"blocks": "auto", "changed_share_max": 0.01, "blocks_max": 1500}
+    sections = {**case.sections, "hazard": {**case.sections["hazard"], **adaptive}}
+    config = configured(replace(case, sections=sections, lists={"barriers": [wall]}).write(), None)
+    read = read_job(config, None, lambda _text: None)
+    rules = read_rules(config, read.run)
+    job = prepared(read, rules)
+    done = zone_simulation(job, rules, Workplace(tmp_path, 2, None, lambda _text: None))
+    assert done.run.further_stations is None
+    assert len(done.run.rounds) > 2 and any(r.halvings is not None for r in done.run.rounds)
+    run = compared_run(config, done.run)
+    _assert_same_without(done.progress, run, done.planned)
+    # A state that is saved and read gives the same.
+    lines = tuple(line for line, _ in run.all_lines)
+    again = progress_from(state_of(done.progress), run.grid.values.size, lines, run.compared)
+    _assert_same_without(again, run, done.planned)
+
+
+def test_nothing_is_simulated_without_barriers_where_nobody_asks(case: Case, job: MapRun) -> None:
+    stations = replace(job, control_lines=LINES[4:5], further_stations=None)
+    config = configured(case.config, None)
+    for run in (stations, compared_run(config, stations)):
+        assert not simulate_map(run, plan(run)).compared
+    asked = replace(config, hazard=replace(config.hazard, compare_barriers=False))
+    assert compared_run(asked, replace(stations, control_lines=LINES)).further_stations is None
+
+
+def _zone_case(folder: Path, *nets: dict[str, Any]) -> Path:
+    """A zoning of two areas, a gully between them, in rounds, with some nets."""
+    case = two_areas(folder, hazard={"ref_width_m": 6.0, "blocks": "auto", "blocks_max": 900})
+    case.lists["barriers"] = [{"kind": "net", "capacity_kj": 100.0, **own} for own in nets]
+    return case.write()
+
+
+def _net(name: str, col: float, row: float, height_m: float = 2.0) -> dict[str, Any]:
+    line = [list(place(col, at)) for at in (row, row + 5.0)]
+    return {"name": name, "height_m": height_m, "line": line}
+
+
+def test_only_areas_near_a_changed_barrier_are_simulated_again(tmp_path: Path) -> None:
+    other = _net("south", 16.0, 43.0)
+    config = _zone_case(tmp_path, _net("north", 14.0, 22.0), other)
+    first = zone(config, tmp_path / "first", jobs=1)
+    # The north net is moved; another is new, and the south one, which stays, has another place in
+    # the list.
+    config = _zone_case(tmp_path, _net("new", 12.0, 24.0), other, _net("north", 15.0, 22.0, 3.0))
+    chunks: list[int] = []
+    again = zone(
+        config, tmp_path / "again", jobs=1, reuse=tmp_path / "first",
+        on_progress=lambda done, *_: chunks.append(done),
+    )  # fmt: skip
+    progress = again.run.progress
+    assert progress.reused == (1,) and 0 < len(chunks) < first.run.progress.chunks
+    # All is as if all were simulated, in the rounds of the first result.
+    run = compared_run(configured(config, None), again.run.run, along_slope=True)
+    assert len(run.rounds) >= progress.reused_rounds == len(first.run.run.rounds) > 1
+    assert_same(progress, simulate_map(replace(run, further_stations=None), again.run.planned))
+    _assert_same_without(progress, run, again.run.planned)
+    # And so it can be used once more: with nothing changed nothing is simulated.
+    chunks.clear()
+    third = zone(
+        config, tmp_path / "third", jobs=1, reuse=tmp_path / "again",
+        on_progress=lambda done, *_: chunks.append(done),
+    )  # fmt: skip
+    assert not chunks and third.run.progress.reused == (0, 1)
+    assert_same(third.run.progress, progress)
+
+
+def test_a_result_that_cannot_be_used_again_is_refused(tmp_path: Path) -> None:
+    config = _zone_case(tmp_path, _net("north", 14.0, 22.0))
+    zone(config, tmp_path / "first", jobs=1)
+    again = partial(zone, out=tmp_path / "again", jobs=1, reuse=tmp_path / "first")
+    with pytest.raises(InputError, match=r"of other inputs.*seed"):
+        again(config, seed=7)
+    (tmp_path / "first" / KEPT_NAME).unlink()
+    with pytest.raises(InputError, match="no sums of release areas"):
+        again(config)
+    with pytest.raises(ConfigError, match="where there are walls, nets or galleries"):
+        again(_zone_case(tmp_path))
