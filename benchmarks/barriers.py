@@ -42,13 +42,13 @@ def measure(config: Path, repeats: int) -> dict[str, Any]:
     read = read_job(configured(config, None), None, lambda _text: None)
     job = prepared(read, read_rules(read.config, read.run))
     both = compared_run(read.config, job.run, along_slope=True)
-    alone = replace(both, further_stations=None)
+    held = replace(both, further_stations=None)
     stations = as_stations([line for line, _ in both.all_lines])
     traces = [trace for _, trace in both.all_lines]
-    again = replace(alone, control_lines=tuple(zip(stations, traces, strict=True)))
+    again = replace(held, control_lines=tuple(zip(stations, traces, strict=True)))
     runs: dict[str, Callable[[], tuple[Progress, float]]] = {
         name: lambda run=run: _timed(run, job.planned)  # type: ignore[misc]
-        for name, run in (("with", alone), ("both", both), ("again", again))
+        for name, run in (("with", held), ("both", both), ("again", again))
     }
     seconds: dict[str, list[float]] = {name: [] for name in runs}
     for _ in range(repeats + 1):

@@ -29,7 +29,7 @@ from sassgis.terrain.fall_lines import points_on
 #: File of a result with the sums of its release areas.
 KEPT_NAME = "simulation.npz"
 #: Fields of a run that may be others: rounds are those of the earlier result.
-_OTHERS = ("control_lines", "further_stations", "rounds", "stop_points_max")
+_OTHERS = ("control_lines", "further_stations", "rounds")
 #: Cells around those that blocks reach within which a line is near: where blocks pass between
 #: centres of cells, and what is rounded.
 _NEAR_CELLS = 2
