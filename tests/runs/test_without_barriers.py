@@ -16,10 +16,10 @@ from sassgis.engine.effects.fragmentation import Fragmentation
 from sassgis.errors import ConfigError, InputError
 from sassgis.grid import FloatArray
 from sassgis.runs.inputs import compared_run, read_rules
-from sassgis.runs.resumable_run import Workplace, configured, read_job
+from sassgis.runs.resumable_run import Simulation, Workplace, configured, read_job
 from sassgis.runs.run import prepared, zone, zone_simulation
 from sassgis.settings.blocks import EffectSettings
-from sassgis.settings.map_run import MapRun, Round
+from sassgis.settings.map_run import Config, MapRun, Round
 from sassgis.settings.results import ControlLine, Outcome, StopReason
 from sassgis.simulation.accumulators import Progress, as_stations
 from sassgis.simulation.checkpoint import progress_from, state_of
@@ -165,38 +165,43 @@ def _net(name: str, col: float, row: float, height_m: float = 2.0) -> dict[str, 
     return {"name": name, "height_m": height_m, "line": line}
 
 
+def _simulated(
+    config: Path, work: Path, chunks: list[int], reuse: Path | None = None
+) -> tuple[Config, Simulation]:
+    """Simulate as for zones into a folder; ``chunks`` grows with each that is simulated."""
+    settings = configured(config, None)
+    read = read_job(settings, None, lambda _text: None)
+    rules = read_rules(settings, read.run)
+    work.mkdir()
+    where = Workplace(work, 1, lambda done, *_: chunks.append(done), lambda _text: None)
+    job = prepared(read, rules)
+    return settings, zone_simulation(job, rules, where, along_slope=True, reuse=reuse)
+
+
 def test_only_areas_near_a_changed_barrier_are_simulated_again(tmp_path: Path) -> None:
     other = _net("south", 16.0, 43.0)
     config = _zone_case(tmp_path, _net("north", 14.0, 22.0), other)
-    first = zone(config, tmp_path / "first", jobs=1)
+    _, first = _simulated(config, tmp_path / "first", before := [])
     # The north net is moved; another is new, and the south one, which stays, has another place in
     # the list.
     config = _zone_case(tmp_path, _net("new", 12.0, 24.0), other, _net("north", 15.0, 22.0, 3.0))
-    chunks: list[int] = []
-    again = zone(
-        config, tmp_path / "again", jobs=1, reuse=tmp_path / "first",
-        on_progress=lambda done, *_: chunks.append(done),
-    )  # fmt: skip
-    progress = again.run.progress
-    assert progress.reused == (1,) and 0 < len(chunks) < first.run.progress.chunks
+    settings, again = _simulated(config, tmp_path / "again", chunks := [], tmp_path / "first")
+    progress = again.progress
+    assert progress.reused == (1,) and 0 < len(chunks) < len(before)
     # All is as if all were simulated, in the rounds of the first result.
-    run = compared_run(configured(config, None), again.run.run, along_slope=True)
-    assert len(run.rounds) >= progress.reused_rounds == len(first.run.run.rounds) > 1
-    assert_same(progress, simulate_map(replace(run, further_stations=None), again.run.planned))
-    _assert_same_without(progress, run, again.run.planned)
+    run = compared_run(settings, again.run, along_slope=True)
+    assert len(run.rounds) >= progress.reused_rounds == len(first.run.rounds) > 1
+    assert_same(progress, simulate_map(again.run, again.planned))
+    _assert_same_without(progress, run, again.planned)
     # And so it can be used once more: with nothing changed nothing is simulated.
-    chunks.clear()
-    third = zone(
-        config, tmp_path / "third", jobs=1, reuse=tmp_path / "again",
-        on_progress=lambda done, *_: chunks.append(done),
-    )  # fmt: skip
-    assert not chunks and third.run.progress.reused == (0, 1)
-    assert_same(third.run.progress, progress)
+    _, third = _simulated(config, tmp_path / "third", chunks := [], tmp_path / "again")
+    assert not chunks and third.progress.reused == (0, 1)
+    assert_same(third.progress, progress)
 
 
 def test_a_result_that_cannot_be_used_again_is_refused(tmp_path: Path) -> None:
     config = _zone_case(tmp_path, _net("north", 14.0, 22.0))
-    zone(config, tmp_path / "first", jobs=1)
+    _simulated(config, tmp_path / "first", [])
     again = partial(zone, out=tmp_path / "again", jobs=1, reuse=tmp_path / "first")
     with pytest.raises(InputError, match=r"of other inputs.*seed"):
         again(config, seed=7)
