@@ -30,6 +30,13 @@ from sassgis.terrain.fall_lines import points_on
 KEPT_NAME = "simulation.npz"
 #: Fields of a run that may be others: rounds are those of the earlier result.
 _OTHERS = ("control_lines", "further_stations", "rounds")
+#: Keys of the configuration from which other fields are, where these have not the name of a section.
+_KEYS = {
+    "grid": "terrain.dem", "table": "ground.classes", "areas": "release.file", "seed": "run.seed",
+    "stop_points_max": "output.stop_points_max", "thresholds_kj": "hazard.preset",
+    "ref_width_m": "hazard.ref_width_m", "forest": "effects.trees",
+    "ground_heights": "terrain.block_scale_m",
+}  # fmt: skip
 #: Cells around those that blocks reach within which a line is near: where blocks pass between
 #: centres of cells, and what is rounded.
 _NEAR_CELLS = 2
@@ -69,7 +76,7 @@ def begun_with(file: Path, run: MapRun) -> Progress:
             file=file, expected="a result of sassgis zone with walls or nets, of this version",
         )  # fmt: skip
     now = _digests(run)
-    differ = [name for name, digest in now.items() if state[f"digest.{name}"] != digest]
+    differ = [_KEYS.get(n, n) for n, digest in now.items() if state[f"digest.{n}"] != digest]
     if differ:
         raise InputError(
             "the earlier result is of other inputs", file=file, field=", ".join(differ),

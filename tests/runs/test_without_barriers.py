@@ -203,7 +203,7 @@ def test_a_result_that_cannot_be_used_again_is_refused(tmp_path: Path) -> None:
     config = _zone_case(tmp_path, _net("north", 14.0, 22.0))
     _simulated(config, tmp_path / "first", [])
     again = partial(zone, out=tmp_path / "again", jobs=1, reuse=tmp_path / "first")
-    with pytest.raises(InputError, match=r"of other inputs.*seed"):
+    with pytest.raises(InputError, match=r"run\.seed: the earlier result is of other inputs"):
         again(config, seed=7)
     (tmp_path / "first" / KEPT_NAME).unlink()
     with pytest.raises(InputError, match="no sums of release areas"):
