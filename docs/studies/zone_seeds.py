@@ -40,7 +40,7 @@ from sassgis.inputs.config import load_config
 from sassgis.inputs.presets import read_preset
 from sassgis.runs.inputs import read_rules
 from sassgis.runs.resumable_run import Workplace, read_job
-from sassgis.runs.run import prepared, simulations
+from sassgis.runs.run import prepared, zone_simulation
 from sassgis.settings.hazard_rules import HazardCurves, HazardPreset, ZoningSettings
 from sassgis.settings.map_run import Config
 from sassgis.settings.statistics_table import bins_of
@@ -75,7 +75,7 @@ def sample(config: Config, file: Path) -> None:
     rules = read_rules(config, job.run)
     with TemporaryDirectory() as work:
         place = Workplace(Path(work), 1, None, lambda _text: None)
-        done, _ = simulations(prepared(job, rules), rules, place, sums_only=True)
+        done = zone_simulation(prepared(job, rules), rules, place, sums_only=True)
     sampled = sampled_sources(done.run, done.progress, rules.frequencies)
     few = at_energies(curves_of(sampled, bins_of(done.run).threshold), rules.preset.thresholds_kj)
     np.savez(

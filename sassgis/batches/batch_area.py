@@ -15,7 +15,6 @@ from numpy.typing import NDArray
 from sassgis.batches.batch_window import (
     SEARCHED_CELLS,
     SIMULATION_NAME,
-    WITHOUT_BARRIERS_NAME,
     Record,
     Sides,
     Windowed,
@@ -55,7 +54,7 @@ from sassgis.runs.inputs import (
     yearly_frequencies,
 )
 from sassgis.runs.resumable_run import Job, Simulation, Workplace
-from sassgis.runs.run import prepared, simulations, write_zones
+from sassgis.runs.run import prepared, write_zones, zone_simulation
 from sassgis.settings.exposure import PlacedObjects
 from sassgis.settings.ground import GroundTable
 from sassgis.settings.map_run import Config, MapRun, ReleaseArea
@@ -309,14 +308,12 @@ def _run_cut(setting: Setting, candidate: Candidate, cut: Windowed, place: Workp
     job = prepared(Job(config, run, cut.planned, cut.notices), rules)
     with staged_output(folder, overwrite=True) as work:
         here = replace(place, folder=work)
-        done, without = simulations(job, rules, here, sums_only=setting.sums_only)
+        done = zone_simulation(job, rules, here, sums_only=setting.sums_only)
         if run.followed:
             met = near_edge(cut, setting.terrain, rules.ref_width_m, done.progress.lines)
             if any(met):
                 raise TerrainTooSmall(met)
         write_state(work / SIMULATION_NAME, done.progress, done.run)
-        if without is not None:
-            write_state(work / WITHOUT_BARRIERS_NAME, without.progress, without.run)
         furthest = done.progress.furthest
         record = Record(
             fingerprint=_fingerprint(setting, cut.part, run.grid, run.areas[0], frequencies),
@@ -343,7 +340,7 @@ def _run_cut(setting: Setting, candidate: Candidate, cut: Windowed, place: Workp
             record = replace(record, zones_m2=_zones_m2(found, rules))
             write_record(work, record)
 
-        write_zones(work, rules, done, without, [candidate.name], place.tell, first=keep)
+        write_zones(work, rules, done, [candidate.name], place.tell, first=keep)
     return record
 
 

@@ -29,7 +29,6 @@ from sassgis.files.vector_layer import VectorLayer
 from sassgis.grid import Grid
 from sassgis.hazard.assess import Assessment, assess, curves_of, risk_of
 from sassgis.hazard.levels import hazard_level
-from sassgis.hazard.risk import RiskTable
 from sassgis.hazard.sampling_error import level_chances
 from sassgis.hazard.sources import Sampled, line_parts, sampled_sources
 from sassgis.hazard.warnings import simulation_warnings
@@ -43,7 +42,7 @@ from sassgis.outputs.layers.risk_objects import exposed_layers
 from sassgis.outputs.raster import TILE, BlockMaps, Unfinished, finish_map
 from sassgis.runs.inputs import (
     collected_notices,
-    compares_barriers,
+    compared_run,
     forest_of,
     map_run_of,
     with_rules,
@@ -52,8 +51,8 @@ from sassgis.runs.inputs import (
 from sassgis.runs.provenance import facts_of, write_origin
 from sassgis.runs.publish import block_maps, write_layers
 from sassgis.runs.publish_zones import group_extras, group_zones, hazard_maps
-from sassgis.runs.resumable_run import Job, Simulation, workers_asked
-from sassgis.runs.run import without_barriers, write_zones
+from sassgis.runs.resumable_run import Simulation, workers_asked
+from sassgis.runs.run import write_zones
 from sassgis.settings.exposure import PlacedObjects
 from sassgis.settings.languages import in_language
 from sassgis.settings.map_run import MapRun, ReleaseArea, Round
@@ -61,7 +60,6 @@ from sassgis.settings.results import RasterLayer
 from sassgis.settings.statistics_table import Bins, bins_for
 from sassgis.simulation.accumulators import Progress
 from sassgis.simulation.checkpoint import Checkpoint
-from sassgis.simulation.control_lines import LineParts
 from sassgis.simulation.estimate import reached_bytes
 from sassgis.simulation.map_sums import Sample
 from sassgis.simulation.workers import Jobs, task_map
@@ -270,26 +268,17 @@ def _write_one_block(
     # Tables of single blocks and passages are in the folders of the areas.
     output = replace(config.output, rock_table="none", passage_table="none")
 
-    def simulation(job: Job, without: bool) -> Simulation:
-        progress = added_up(
-            job.run, mosaic.place, areas, mosaic.bins, without=without, planned=planned
-        )
-        said = (*warnings, *overlaps, *simulation_warnings(job.run, progress))
-        return Simulation(
-            config=replace(config, output=output), run=job.run, planned=planned,
-            progress=progress, checkpoint=Checkpoint(work, fingerprint), warnings=said,
-            seconds=time.perf_counter() - began,
-        )  # fmt: skip
-
-    job = Job(config, run, planned, ())
-    done = simulation(job, without=False)
-    without = None
-    if compares_barriers(config, run):
-        without = simulation(without_barriers(job), without=True)
-    names = [c.name for c in candidates]
-    found, (_, _, said) = write_zones(
-        work, rules, done, without, names, tell, first=lambda _found: keep()
+    progress = added_up(
+        compared_run(config, run), mosaic.place, areas, mosaic.bins, planned=planned
     )
+    said = (*warnings, *overlaps, *simulation_warnings(run, progress))
+    done = Simulation(
+        config=replace(config, output=output), run=run, planned=planned, progress=progress,
+        checkpoint=Checkpoint(work, fingerprint), warnings=said,
+        seconds=time.perf_counter() - began,
+    )  # fmt: skip
+    names = [c.name for c in candidates]
+    found, (_, _, said) = write_zones(work, rules, done, names, tell, first=lambda _found: keep())
     return found, said
 
 
@@ -365,15 +354,11 @@ def _write_blocks(
     here = Part(place.row, place.col, 0, 0)
     met = [a for a in areas if a.record.control_lines or a.record.objects]
 
-    def at_lines_and_objects(without: bool) -> tuple[Progress, LineParts, RiskTable | None]:
-        progress = added_up(mosaic.run, here, met, mosaic.bins, without=without)
-        sampled = _sources(mosaic.run, met, progress, {})
-        return progress, line_parts(sampled), risk_of(rules, sampled, mosaic.bins.threshold)
-
-    progress, parts, risk = at_lines_and_objects(without=False)
-    risk_before = None
-    if risk is not None and compares_barriers(config, mosaic.run):
-        risk_before = at_lines_and_objects(without=True)[-1]
+    progress = added_up(compared_run(config, mosaic.run), here, met, mosaic.bins)
+    sampled, without = _sources(mosaic.run, met, progress, {})
+    parts, thresholds = line_parts(sampled), mosaic.bins.threshold
+    risk = risk_of(rules, sampled, thresholds)
+    risk_before = None if without is None else risk_of(rules, without, thresholds)
     released = [ReleaseArea(a.name, shapes[a.name], tuple(a.record.frequencies)) for a in areas]
     points, rocks = ([getattr(a.record, n) for a in areas] for n in ("points", "rocks"))
     vectors = [
@@ -436,7 +421,7 @@ def _maps_of(mosaic: Mosaic, block: tuple[Part, Sequence[Reached]]) -> Maps:
     (place, areas), rules, config = block, mosaic.setting.rules, mosaic.setting.config
     grid = mosaic.setting.terrain.read(place)
     total = added_up(mosaic.run, place, areas, mosaic.bins)
-    sampled = _sources(replace(mosaic.run, grid=grid), areas, total, {})
+    sampled, _ = _sources(replace(mosaic.run, grid=grid), areas, total, {})
     curves = curves_of(sampled, mosaic.bins.threshold)
     del sampled
     total.sources.clear()
@@ -453,13 +438,17 @@ def _maps_of(mosaic: Mosaic, block: tuple[Part, Sequence[Reached]]) -> Maps:
 
 def _sources(
     run: MapRun, areas: Sequence[Reached], total: Progress, shapes: Shapes
-) -> list[Sampled]:
-    """Return the sums by source; ``shapes`` of areas are of account for zones only."""
+) -> tuple[list[Sampled], list[Sampled] | None]:
+    """Return the sums by source, with barriers and, if there are any, without.
+
+    ``shapes`` of areas are of account for zones only.
+    """
     named = tuple(
         ReleaseArea(a.name, shapes.get(a.name), tuple(a.record.frequencies)) for a in areas
     )
     frequencies = {(a.name, k): f for a in areas for k, f in a.record.frequencies.items()}
-    return sampled_sources(replace(run, areas=named), total, frequencies)
+    sources = partial(sampled_sources, replace(run, areas=named), total, frequencies)
+    return sources(), sources(barriers=False) if total.compared else None
 
 
 def groups(areas: Sequence[Reached], beside: int) -> list[list[Reached]]:
@@ -551,15 +540,11 @@ def _zones(mosaic: Mosaic, areas: Sequence[Reached], shapes: Shapes) -> list[Vec
     # Zones ask for nothing between the classes of intensity.
     energies = np.array(rules.preset.thresholds_kj)
     # Zones with walls and nets are drawn within those without.
-    both = [False, True] if compares_barriers(config, run) else [False]
-    totals = (
-        added_up(run, box, areas, mosaic.bins, without=without, only_energies_kj=energies)
-        for without in both
-    )
-    sampled, *alone = (_sources(run, areas, total, shapes) for total in totals)
+    total = added_up(compared_run(config, run), box, areas, mosaic.bins, only_energies_kj=energies)
+    sampled, without = _sources(run, areas, total, shapes)
     found = assess(
         replace(rules, vulnerability=None, placed=PlacedObjects((), ())),
-        grid, energies, sampled, alone[0] if alone else None,
+        grid, energies, sampled, without,
         confidence=config.hazard.confidence, by_source=False,
     )  # fmt: skip
     return group_zones(config, rules, grid, found)

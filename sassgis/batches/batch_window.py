@@ -26,6 +26,8 @@ from sassgis.simulation.accumulators import (
     Progress,
     SourceSums,
     SourceTally,
+    WithoutBarriers,
+    add_blocks,
     evenly_kept,
     joined_rows,
 )
@@ -251,8 +253,8 @@ def _extent(run: MapRun, planned: Plan, lines: int) -> tuple[float, float, float
 
 RECORD_NAME = "area.json"
 _ENERGIES = "thresholds_kj"
-#: Sums of the simulation, and of the same blocks without walls and nets.
-SIMULATION_NAME, WITHOUT_BARRIERS_NAME = "simulation.npz", "without_barriers.npz"
+#: Sums of the simulation, with and without barriers.
+SIMULATION_NAME = "simulation.npz"
 
 
 @dataclass(frozen=True, slots=True)
@@ -341,8 +343,8 @@ def read_record(folder: Path, tell: Callable[[str], None]) -> Record | None:
 
 def digests_of_sums(folder: Path) -> dict[str, str]:
     """Return digests of the files of sums of an area's folder, by name; empty for a damaged one."""
-    files = [folder / name for name in (SIMULATION_NAME, WITHOUT_BARRIERS_NAME)]
-    return {file.name: saved_digest(file) for file in files if file.is_file()}
+    file = folder / SIMULATION_NAME
+    return {file.name: saved_digest(file)} if file.is_file() else {}
 
 
 def write_state(path: Path, progress: Progress, run: MapRun) -> None:
@@ -352,18 +354,14 @@ def write_state(path: Path, progress: Progress, run: MapRun) -> None:
         write_saved(path, arrays, "", compressed=True)
 
 
-def read_state(
-    area: Reached, without: bool = False, wanted: Callable[[str], bool] = lambda _name: True
-) -> dict[str, NDArray[Any]]:
-    """Read what write_state wrote into the folder of an area, or what is wanted of it.
+def read_state(area: Reached, wanted: Callable[[str], bool]) -> dict[str, NDArray[Any]]:
+    """Read what is wanted of what write_state wrote into the folder of an area.
 
-    ``without`` walls and nets; where it has none, both are the same. InputError: the file is
-    damaged, or not that of the record.
+    InputError: the file is damaged, or not that of the record.
     """
-    sums = area.record.sums
-    name = WITHOUT_BARRIERS_NAME if without and WITHOUT_BARRIERS_NAME in sums else SIMULATION_NAME
     expected = "the sums of a release area; delete its folder to run it again"
-    return saved_or_refused(area.folder / name, expected, sums[name], wanted)
+    digest = area.record.sums[SIMULATION_NAME]
+    return saved_or_refused(area.folder / SIMULATION_NAME, expected, digest, wanted)
 
 
 def added_up(
@@ -372,7 +370,6 @@ def added_up(
     areas: Sequence[Reached],
     bins: Bins,
     *,
-    without: bool = False,
     planned: Plan | None = None,
     only_energies_kj: FloatArray | None = None,
 ) -> Progress:
@@ -385,8 +382,6 @@ def added_up(
     ----------
     run : MapRun
         With the settings of all areas; its grid is not looked at.
-    without : bool
-        Whether without walls and nets.
     planned : Plan, optional
         Of all areas: then fall lines, stops, reasons and run-out are added up as well.
     only_energies_kj : float64, shape (n,), optional
@@ -404,7 +399,7 @@ def added_up(
         return planned is not None or name == _ENERGIES or name.startswith(begin)
 
     for i, area in enumerate(areas):
-        state = read_state(area, without, wanted)
+        state = read_state(area, wanted)
         lines = tuple(control_lines[k] for k in area.record.control_lines)
         sums = {k: state.pop(f"sums.{k}") for k in ("cells", *SUM_NAMES) if f"sums.{k}" in state}
         n_cells = area.part.n_rows * area.part.n_cols
@@ -414,7 +409,7 @@ def added_up(
             own = progress_from(state, n_cells, lines)
             at_lines, by_source = own.control_lines, own.sources
             first_point = int(np.flatnonzero(planned.points.area == i)[0])
-            _add_blocks(total, own, first_point)
+            add_blocks(total, own, first_point)
             share = min(share, own.stop_share)
             stops.append((evenly_kept(joined_rows(own.stops), run.seed, share), first_point))
         if only_energies_kj is None and len(sums) > 1:
@@ -423,6 +418,7 @@ def added_up(
             total.sums.add(cells, here)
         # Those of single sources take much memory; only the table of design values needs them.
         of_sources = control_lines if planned is not None else ()
+        of_energies = _columns(state[_ENERGIES], energies)
         total.control_lines.add_sums(at_lines, np.array(area.record.control_lines, np.int64))
         for (_, scenario), tally in sorted(by_source.items()):
             joined = SourceTally(
@@ -430,7 +426,12 @@ def added_up(
                 rocks=tally.rocks, never_started=tally.never_started,
                 simulated=tally.simulated, heaviest=tally.heaviest,
             )  # fmt: skip
-            _add_counts(joined, tally, place, area, _columns(state[_ENERGIES], energies))
+            _add_counts(joined, tally, place, area, of_energies)
+            if run.compared is not None:
+                own_without = tally.without or WithoutBarriers.alike(tally)
+                joined.without = WithoutBarriers.fresh(energies.size, of_sources)
+                joined.without.never_started = own_without.never_started
+                _add_counts(joined.without, own_without, place, area, of_energies)
             total.sources[i, scenario] = joined
     # One share of all areas: no more than any of them has kept.
     for rows, first_point in stops:
@@ -441,8 +442,8 @@ def added_up(
 
 
 def _add_counts(
-    joined: SourceTally,
-    tally: SourceTally,
+    joined: SourceTally | WithoutBarriers,
+    tally: SourceTally | WithoutBarriers,
     place: Part,
     area: Reached,
     of_energies: tuple[IntArray, IntArray],
@@ -467,23 +468,6 @@ def _add_counts(
     if joined.control_lines.control_lines:
         lines = np.array(area.record.control_lines, np.int64)
         joined.control_lines.add_sums(tally.control_lines, lines)
-
-
-def _add_blocks(total: Progress, own: Progress, first_point: int) -> None:
-    """Add what became of the blocks of an area, whose release points begin at ``first_point``."""
-    total.reasons += own.reasons
-    total.simulated += own.simulated
-    total.lost += own.lost
-    total.pieces += own.pieces
-    width = max(total.runout.shape[1], own.runout.shape[1])
-    total.runout, more = (
-        np.pad(r, ((0, 0), (0, width - r.shape[1]))) for r in (total.runout, own.runout)
-    )
-    total.runout += more
-    total.lines += [replace(lines, point=lines.point + first_point) for lines in own.lines]
-    if own.furthest is not None and (total.furthest is None or own.furthest[0] > total.furthest[0]):
-        reach, line, scenario, rock = own.furthest
-        total.furthest = (reach, line + first_point, scenario, rock)
 
 
 def _columns(own: NDArray[Any], wanted: NDArray[Any]) -> tuple[IntArray, IntArray]:

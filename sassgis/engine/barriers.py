@@ -171,7 +171,7 @@ def control_lines_in_flight(
         z = state.z + (state.vz - 0.5 * gravity * t) * t
         outcome = PASSED
         left = 1.0
-        if crossing.kind != STATION:
+        if crossing.kind != STATION and not state.meets_none:
             angle = state.theta - state.omega * t
             down = math.sqrt((block.a * math.sin(angle)) ** 2 + (block.b * math.cos(angle)) ** 2)
             outcome = OVERTOPPED
@@ -244,7 +244,7 @@ def control_lines_on_ground(
         spin2 = max(stretch.spin2 + stretch.spin_gain * done, 0.0)
         outcome = PASSED
         left = 1.0
-        if crossing.kind != STATION:
+        if crossing.kind != STATION and not state.meets_none:
             outcome = OVERTOPPED
             if crossing.height > 0.0:
                 energy = 0.5 * block.mass * (speed2 + block.inertia * spin2)

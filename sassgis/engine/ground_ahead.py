@@ -59,7 +59,8 @@ class Path(NamedTuple):
     sides: FloatArray
     line_u: FloatArray  # vertices of all stations and barriers, one after the other (cells)
     line_v: FloatArray
-    line_number: IntArray  # of the station or barrier that begins here; -1: no segment begins here
+    line_first: IntArray  # (n + 1,), by the number: where the vertices of each begin
+    line_box: FloatArray  # (n, 4), by the number: least and largest u, least and largest v
     lines: ControlLineTable  # by the number
     line_seen: NDArray[np.bool_]  # by the number: whether the block has been here
     register: CellRegister
@@ -557,22 +558,25 @@ def _cross_lines(state: Record, site: Site, path: Path, begin: float, end: float
     u1, v1 = place(state, end)
     du = u1 - u0
     dv = v1 - v0
-    for k in range(path.line_u.size):
-        number = path.line_number[k]
-        if number < 0:
+    for number in range(path.line_seen.size):
+        box = path.line_box[number]
+        if max(u0, u1) < box[0] or min(u0, u1) > box[1]:
             continue
-        eu = path.line_u[k + 1] - path.line_u[k]
-        ev = path.line_v[k + 1] - path.line_v[k]
-        cross = du * ev - dv * eu
-        if cross == 0.0:
+        if max(v0, v1) < box[2] or min(v0, v1) > box[3]:
             continue
-        fu = path.line_u[k] - u0
-        fv = path.line_v[k] - v0
-        share = (fu * ev - fv * eu) / cross
-        on_line = (fu * dv - fv * du) / cross
-        # A vertex belongs to the segment that begins there.
-        if 0.0 < share <= 1.0 and 0.0 <= on_line < 1.0:
-            _add_crossing(site, path, number, begin + share * (end - begin))
+        for k in range(path.line_first[number], path.line_first[number + 1] - 1):
+            eu = path.line_u[k + 1] - path.line_u[k]
+            ev = path.line_v[k + 1] - path.line_v[k]
+            cross = du * ev - dv * eu
+            if cross == 0.0:
+                continue
+            fu = path.line_u[k] - u0
+            fv = path.line_v[k] - v0
+            share = (fu * ev - fv * eu) / cross
+            on_line = (fu * dv - fv * du) / cross
+            # A vertex belongs to the segment that begins there.
+            if 0.0 < share <= 1.0 and 0.0 <= on_line < 1.0:
+                _add_crossing(site, path, number, begin + share * (end - begin))
 
 
 @lean

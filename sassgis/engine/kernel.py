@@ -30,7 +30,7 @@ from sassgis.engine.state import (
     Physics,
     Site,
 )
-from sassgis.engine.statistics import Totals, Wanted
+from sassgis.engine.statistics import BOTH, WITH, WITHOUT, Totals, Wanted
 from sassgis.grid import FloatArray, IntArray
 from sassgis.terrain.cells import exact
 
@@ -84,13 +84,18 @@ class Setup(NamedTuple):
 class Rows(NamedTuple):
     """Rows of the run, which blocks fill."""
 
-    rocks: Records  # (n_blocks of all,) settings.results.ROCK_DTYPE
+    # (n_blocks of all + 1,) settings.results.ROCK_DTYPE; the last is that of no block of the run.
+    rocks: Records
     passages: CountedRows  # settings.results.PASSAGE_DTYPE
     spawned: CountedRows  # ROCK_DTYPE
     ends: FloatArray  # as rocks, (n, 2): place of the end of a followed path (cells)
     spawned_ends: FloatArray  # the same of spawned blocks
     events: Records  # (n, n_events) state.EVENT_DTYPE; n_events may be 0
     event_counts: IntArray  # (n,)
+    # Of the same blocks without barriers: reason of their end, (n_blocks of all,), empty where they
+    # are not wanted; passages as above.
+    reasons_without: NDArray[np.uint8]
+    passages_without: CountedRows
 
 
 class Work(NamedTuple):
@@ -166,9 +171,9 @@ def simulate_strata(
             return status
         if wanted is not None:
             statistics.add_worth(totals.windows, wanted, i, setup.n_blocks)
-        statistics.end_stratum(totals.reach)
-        statistics.end_stratum(totals.windows)
-        statistics.end_stratum(totals.objects)
+        statistics.end_stratum(totals.reach, totals.changes.reach)
+        statistics.end_stratum(totals.windows, totals.changes.windows)
+        statistics.end_stratum(totals.objects, totals.changes.objects)
         visits_to_histograms(totals, work)
     return DONE
 
@@ -191,77 +196,129 @@ def simulate_blocks(
     i: int, strata: Strata, site: Site, setup: Setup, totals: Totals, rows: Rows, work: Work,
     effects: hooks.Effects | None, path: Path | None,
 ) -> int:  # fmt: skip
-    """Simulate all blocks of stratum ``i``; parameters and what it returns as simulate_strata."""
+    """Simulate all blocks of stratum ``i``; parameters and what it returns as simulate_strata.
+
+    A block whose motion a barrier has changed is simulated again, without any, if that is wanted.
+    """
+    compared = rows.reasons_without.size > 0
+    again = False
+    r = 0
+    while r < setup.n_blocks:
+        first = rows.passages.n[0]
+        status = simulate_released(
+            i, r, again, strata, site, setup, totals, rows, work, effects, path
+        )  # fmt: skip
+        if status != DONE:
+            return status
+        hindered = work.state[0].hindered
+        if compared:
+            number = i * setup.n_blocks + r
+            rows.reasons_without[number] = rows.rocks[-1 if again else number].reason
+            same = not (again or hindered)
+            if same and not copied(rows.passages, first, rows.passages_without):
+                return NO_ROOM
+        again = compared and hindered
+        r += 0 if again else 1
+    return DONE
+
+
+@lean
+def simulate_released(
+    i: int, r: int, again: bool, strata: Strata, site: Site, setup: Setup, totals: Totals,
+    rows: Rows, work: Work, effects: hooks.Effects | None, path: Path | None,
+) -> int:  # fmt: skip
+    """Simulate block ``r`` of stratum ``i``, with those that it spawns; parameters as above.
+
+    ``again``: without barriers, after it was simulated with them.
+    """
     state = work.state[0]
     cells = work.cells
     spawned = work.spawned
     limits = setup.limits[i if setup.limits.shape[0] > 1 else 0]
     spread = setup.physics.rolling_friction_sd
-    for r in range(setup.n_blocks):
-        # The released block first, then those that it and they spawn, in turn.
-        rock = setup.first_rock + r
-        key = rng.block_key(setup.seed, strata.key[i], rock)
-        # The released block is reported as it was drawn, a fragment as it moves.
-        stated = draw_block(limits[0], limits[1], key)
-        outlined = with_outline(stated, setup.physics)
-        block = with_drag(hooks.on_block(effects, outlined), spread)
-        release(effects, state, block, site, setup, limits, key, strata, path, i)
-        first_x = state.x
-        number = i * setup.n_blocks + r
-        row = rows.rocks[number]
-        open_row(row, strata.number[i], rock, 0, first_x)
-        log = CountedRows(rows.events[number], rows.event_counts[number:])
-        end_place = rows.ends[number]
-        n_spawned = n_event = 0
-        spawned.n[0] = 0
-        while True:
-            n = rows.passages.n[0]
-            n_lines = site.crossings.n[0] if path is None else path.line_seen.size
-            if n + n_lines > rows.passages.rows.size:
-                return NO_ROOM
-            output = Output(rows.passages.rows[n:], cells, log, spawned)
-            simulate_block(state, block, site, output, setup.physics, effects, path)
-            mass = block.mass
-            last = finish_block(row, stated, state, site, rows.passages, totals.stops, cells)
-            n_touched = state.n_touched
-            statistics.meet_disks(cells, n_touched, mass, totals)
-            statistics.meet_objects(cells, n_touched, mass, totals)
-            n_touched = statistics.passed_cells(cells, n_touched, last)
-            if path is not None:
-                end_place[0], end_place[1] = place(state, state.x)
-                if path.register.counts[FULL]:
-                    return MANY_CELLS
-            if effects is None:
-                break
-            n_event = statistics.collect(work.event, n_event, cells, n_touched, mass)
-            if n_spawned >= min(spawned.n[0], spawned.rows.size):
-                break
-            if rows.spawned.n[0] >= rows.spawned.rows.size:
-                return NO_ROOM
-            leaving = spawned.rows[n_spawned]
-            n_spawned += 1
-            # It has separate draws.
-            own_key = rng.mix(key + np.uint64(n_spawned) * np.uint64(0x9E3779B97F4A7C15))
-            stated = block_of(leaving.a, leaving.b, leaving.c, block.density, leaving.mass, own_key)
-            block = with_drag(hooks.on_block(effects, stated), spread)
-            if path is not None:
-                continue_path(effects, state, block, site, path, leaving)
-            start_spawned(state, block, site, leaving, first_x)
+    # The released block first, then those that it and they spawn, in turn.
+    rock = setup.first_rock + r
+    state.meets_none = again
+    state.hindered = False
+    key = rng.block_key(setup.seed, strata.key[i], rock)
+    # The released block is reported as it was drawn, a fragment as it moves.
+    stated = draw_block(limits[0], limits[1], key)
+    outlined = with_outline(stated, setup.physics)
+    block = with_drag(hooks.on_block(effects, outlined), spread)
+    release(effects, state, block, site, setup, limits, key, strata, path, i)
+    first_x = state.x
+    passages, row, log, end_place = room_of(rows, i * setup.n_blocks + r, again)
+    open_row(row, strata.number[i], rock, 0, first_x)
+    n_spawned = n_event = 0
+    spawned.n[0] = 0
+    while True:
+        n = passages.n[0]
+        n_lines = site.crossings.n[0] if path is None else path.line_seen.size
+        if n + n_lines > passages.rows.size:
+            return NO_ROOM
+        output = Output(passages.rows[n:], cells, log, spawned)
+        simulate_block(state, block, site, output, setup.physics, effects, path)
+        mass = block.mass
+        last = finish_block(row, stated, state, site, passages, totals.stops, cells, 1 - int(again))
+        n_touched = state.n_touched
+        statistics.meet_disks(cells, n_touched, mass, totals)
+        statistics.meet_objects(cells, n_touched, mass, totals)
+        n_touched = statistics.passed_cells(cells, n_touched, last)
+        if path is not None:
+            end_place[0], end_place[1] = place(state, state.x)
+            if path.register.counts[FULL]:
+                return MANY_CELLS
+        if effects is None:
+            break
+        n_event = statistics.collect(work.event, n_event, cells, n_touched, mass)
+        if n_spawned >= min(spawned.n[0], spawned.rows.size):
+            break
+        if rows.spawned.n[0] >= rows.spawned.rows.size:
+            return NO_ROOM
+        leaving = spawned.rows[n_spawned]
+        n_spawned += 1
+        # It has separate draws.
+        own_key = rng.mix(key + np.uint64(n_spawned) * np.uint64(0x9E3779B97F4A7C15))
+        stated = block_of(leaving.a, leaving.b, leaving.c, block.density, leaving.mass, own_key)
+        block = with_drag(hooks.on_block(effects, stated), spread)
+        if path is not None:
+            continue_path(effects, state, block, site, path, leaving)
+        start_spawned(state, block, site, leaving, first_x)
+        if not again:
             row = rows.spawned.rows[rows.spawned.n[0]]
             end_place = rows.spawned_ends[rows.spawned.n[0]]
             rows.spawned.n[0] += 1
-            open_row(row, strata.number[i], rock, n_spawned, state.x)
-            log = CountedRows(log.rows[:0], log.n)
-        if effects is None:
-            added = add_to_totals(totals, work, cells, n_touched, mass)
-        else:
-            if spawned.n[0] > n_spawned:
-                return TOO_MANY_SPAWNED
-            # They count together, with their energies in J.
-            added = add_to_totals(totals, work, work.event, n_event, 1.0)
-        if not added:
-            return MANY_VISITS
-    return DONE
+        open_row(row, strata.number[i], rock, n_spawned, state.x)
+        log = CountedRows(log.rows[:0], log.n)
+    where = where_counted(state, again)
+    if effects is None:
+        added = add_to_totals(totals, work, cells, n_touched, mass, where)
+    else:
+        if spawned.n[0] > n_spawned:
+            return TOO_MANY_SPAWNED
+        # They count together, with their energies in J.
+        added = add_to_totals(totals, work, work.event, n_event, 1.0, where)
+    return DONE if added else MANY_VISITS
+
+
+@inlined
+def room_of(
+    rows: Rows, number: int, again: bool
+) -> tuple[CountedRows, Record, CountedRows, FloatArray]:
+    """Return room for passages, row, event log and end of a block; ``again``: without barriers."""
+    if again:
+        log = CountedRows(rows.events[number][:0], rows.event_counts[number:])
+        return rows.passages_without, rows.rocks[-1], log, rows.ends[-1]
+    log = CountedRows(rows.events[number], rows.event_counts[number:])
+    return rows.passages, rows.rocks[number], log, rows.ends[number]
+
+
+@inlined
+def where_counted(state: Record, again: bool) -> int:
+    """Return whether a block counts only with or without barriers, as its motion differs."""
+    if again:
+        return WITHOUT
+    return WITH if state.hindered else BOTH
 
 
 @inlined
@@ -328,9 +385,12 @@ def open_row(row: Record, line: int, number: int, spawned: int, start: float) ->
 @fused
 def finish_block(
     row: Record, block: Block, state: Record, site: Site, passages: CountedRows, stops: IntArray,
-    cells: CellWork,
+    cells: CellWork, counted: int,
 ) -> int:  # fmt: skip
-    """Write the row, the passages and the stop of a block; returns the cell of its stop, or -1."""
+    """Write the row and the passages of a block; returns the cell of its stop, or -1.
+
+    The stop is counted so many times.
+    """
     row.reason = state.reason
     row.runout_m = state.x
     row.runout_z_m = state.z
@@ -355,7 +415,7 @@ def finish_block(
         i = last_stretch(site.profile, site.stretches, state.reason, state.x, row.start_m)
         cell = site.stretches.rows[i].cell if i >= 0 else -1
         if cell >= 0:
-            stops[cell] += 1
+            stops[cell] += counted
             state.n_touched = record_stop(
                 site.stretches, cells, state.n_touched, i, state.x, state.began + state.t
             )
@@ -363,18 +423,37 @@ def finish_block(
     return -1
 
 
+@lean
+def copied(passages: CountedRows, first: int, to: CountedRows) -> bool:
+    """Copy passages from one on to the end of others; returns whether there was room."""
+    n = to.n[0]
+    more = passages.n[0] - first
+    if n + more > to.rows.size:
+        return False
+    for k in range(more):
+        to.rows[n + k] = passages.rows[first + k]
+    to.n[0] = n + more
+    return True
+
+
 @inlined
-def add_to_totals(totals: Totals, work: Work, cells: CellWork, n_touched: int, mass: float) -> bool:
+def add_to_totals(
+    totals: Totals, work: Work, cells: CellWork, n_touched: int, mass: float, where: int
+) -> bool:
     """Add one block, or one with all that it has spawned, to the sums of the run.
 
-    ``mass`` (kg) is 1 where the energies are not per unit mass. Returns whether there was room for
-    its visits.
+    ``mass`` (kg) is 1 where the energies are not per unit mass; it counts BOTH with and without
+    barriers, only WITH or only WITHOUT them. Returns whether there was room for its visits.
     """
     n = work.n_visits
     if n[0] + n_touched > work.visits.size:
         return False
-    statistics.count_places(totals.windows, totals.bins)
-    statistics.count_places(totals.objects, totals.bins)
-    statistics.flush(cells, n_touched, mass, totals, work.visits[n[0] :])
+    changes = totals.changes
+    statistics.count_places(totals.windows, changes.windows, totals.bins, where)
+    statistics.count_places(totals.objects, changes.objects, totals.bins, where)
+    if where == WITHOUT:
+        statistics.flush_changes(cells, n_touched, mass, totals)
+        return True
+    statistics.flush(cells, n_touched, mass, totals, work.visits[n[0] :], where)
     n[0] += n_touched
     return True

@@ -31,7 +31,9 @@ from sassgis.settings.results import (
     ROCK_DTYPE,
     ControlLine,
     ControlLineCrossings,
+    Outcome,
     ProfileSet,
+    StopReason,
 )
 from sassgis.settings.settings import EngineSettings
 from sassgis.settings.statistics_table import Bins, default_bins, sums_by
@@ -54,6 +56,19 @@ class Visits:
         """Add them to histograms, each ``weight`` times; ``row`` is that of each cell."""
         if self.visits.size:
             statistics.add_visits(self.visits, row[self.place], histograms, weight)
+
+
+@dataclass(frozen=True, slots=True)
+class WithoutBarriers:
+    """The same blocks as if there were no barriers."""
+
+    # Flat indices of the cells, or of those in the middle of the windows if asked for, at which
+    # "exceed" and "exceed_square" differ; by how much they exceed those with barriers.
+    places: IntArray
+    differences: dict[str, IntArray]
+    objects: dict[str, IntArray]  # the same with a row for each object
+    passages: NDArray[np.void]  # PASSAGE_DTYPE; barriers are passed as stations
+    never_started: int  # blocks
 
 
 @dataclass(frozen=True)
@@ -84,6 +99,7 @@ class Simulated:
     looked_at: tuple[int, int, int, int] | None = None
     # Of what the blocks of each point leave open; empty on given lines, 0 unless asked for.
     worth: FloatArray = field(default_factory=lambda: np.empty(0))
+    without: WithoutBarriers | None = None  # if asked for
 
     @cached_property
     def sums(self) -> dict[str, NDArray[np.generic]]:
@@ -116,6 +132,28 @@ def left_in_cells(totals: Totals, work: Work, rows: IntArray) -> dict[str, Any]:
     visits = Visits(statistics.by_cell(work.visits[: work.n_visits[0]], place.size), place)
     n_bins = {name: own.shape[1] for name, own in bins.items()}
     return {"kept": kept, "visits": visits, "n_bins": n_bins}
+
+
+def without_barriers(
+    totals: Totals, rows: Rows, places: IntArray, changes: Exceedance
+) -> WithoutBarriers | None:
+    """Return the same blocks without barriers; None where these were not wanted.
+
+    ``places`` are flat indices of those at which hazard is counted, with their changes.
+    """
+    if not rows.reasons_without.size:
+        return None
+    counts = by_threshold(changes, np.arange(places.size))
+    differ = np.any([own != 0 for own in counts.values()], axis=(0, 2))
+    some = np.flatnonzero(differ)
+    some = some[np.argsort(places[some])]
+    passages = rows.passages_without.rows[: rows.passages_without.n[0]].view(PASSAGE_DTYPE)
+    passages["outcome"] = Outcome.PASSED
+    idle = int((rows.reasons_without == StopReason.NEVER_STARTED).sum())
+    return WithoutBarriers(
+        places[some], {name: own[some] for name, own in counts.items()},
+        by_threshold(totals.changes.objects), passages, idle,
+    )  # fmt: skip
 
 
 def by_threshold(reach: Exceedance, rows: IntArray | None = None) -> dict[str, IntArray]:
@@ -274,7 +312,7 @@ def blocks_of(rows: Rows, log_events: int) -> dict[str, Any]:
     """Return rows that blocks have filled, by their names in Simulated."""
     counts = rows.event_counts
     return {
-        "rocks": rows.rocks.view(ROCK_DTYPE),
+        "rocks": rows.rocks[:-1].view(ROCK_DTYPE),
         "pieces": rows.spawned.rows[: rows.spawned.n[0]].view(ROCK_DTYPE),
         "passages": rows.passages.rows[: rows.passages.n[0]].view(PASSAGE_DTYPE),
         "event_logs": tuple(rows.events[i, : counts[i]] for i in range(counts.size))
@@ -283,17 +321,27 @@ def blocks_of(rows: Rows, log_events: int) -> dict[str, Any]:
     }
 
 
-def _empty_rows(n: int, n_passages: int, n_spawned: int, n_events: int) -> Rows:
-    """Make room for so many released blocks, passages, spawned blocks and events of each."""
+def _empty_rows(n: int, n_passages: int, n_spawned: int, n_events: int, compared: bool) -> Rows:
+    """Make room for so many released blocks, passages, spawned blocks and events of each.
+
+    ``compared`` is whether the same blocks are wanted without barriers.
+    """
     return Rows(
-        rocks=np.zeros(n, _RECORDS_OF_ROCKS),
+        rocks=np.zeros(n + 1, _RECORDS_OF_ROCKS),
         passages=empty_table(max(n_passages, 1), _RECORDS_OF_PASSAGES),
         spawned=empty_table(n_spawned, _RECORDS_OF_ROCKS),
-        ends=np.zeros((n, 2)),
+        ends=np.zeros((n + 1, 2)),
         spawned_ends=np.zeros((n_spawned, 2)),
         events=np.zeros((n, n_events), EVENT_DTYPE),
         event_counts=np.zeros(n, np.int64),
+        reasons_without=np.zeros(compared * n, np.uint8),
+        passages_without=empty_table(max(compared * n_passages, 1), _RECORDS_OF_PASSAGES),
     )
+
+
+def at_first_lines(passages: NDArray[np.void], lines: int | None) -> NDArray[np.void]:
+    """Return the passages at the first so many control lines; None: at all."""
+    return passages if lines is None else passages[passages["control_line"] < lines]
 
 
 #: Ground of a chunk with room for so many cells, and the sums there: profiles, or terrain on which
@@ -303,7 +351,7 @@ Ground = Callable[[int], tuple[Totals, Lines | None, Path | None, Wanted | None]
 
 def run_blocks(
     ground: Ground, n_cells: int, strata: Strata, setup: Setup, effects: EffectSettings, *,
-    has_stems: bool, passages: int, on_map: bool, log_events: int,
+    has_stems: bool, passages: int, on_map: bool, log_events: int, compared: bool,
 ) -> tuple[Totals, Rows, Work, Path | None, Wanted | None]:  # fmt: skip
     """Simulate blocks, with as much room as they turn out to need.
 
@@ -317,13 +365,17 @@ def run_blocks(
         Most passages of stations and barriers if no block spawns others.
     on_map : bool
         Whether it is known where the paths lie on the map.
+    compared : bool
+        Whether the same blocks are wanted without barriers.
     """
     n = strata.number.size * setup.n_blocks
     hooked = prepare(effects, has_stems)
     more, visits = 1, statistics.VISITS
     while True:
         totals, lines, path, wanted = ground(n_cells)
-        rows = _empty_rows(n, more * passages, more * n if hooked is not None else 0, log_events)
+        rows = _empty_rows(
+            n, more * passages, more * n if hooked is not None else 0, log_events, compared
+        )
         work = kernel.working_space(
             n_cells, setup.grounds, hooked is not None, most_spawned(effects), visits, on_map
         )
@@ -377,6 +429,7 @@ def simulate(
     log_events: int = 0,
     effects: EffectSettings | None = None,
     forest: Forest | None = None,
+    compared: int | None = None,
 ) -> Simulated:
     """Simulate blocks down profiles.
 
@@ -410,6 +463,9 @@ def simulate(
         What the model of 1986 leaves out. A block and those that it spawns count once in each cell.
     forest : Forest, optional
         For the effect of trees.
+    compared : int, optional
+        The same blocks are wanted without barriers, too, which pass all control lines; those with
+        barriers are counted at the first so many of them.
 
     Raises
     ------
@@ -439,23 +495,31 @@ def simulate(
 
     def ground(n_cells: int) -> tuple[Totals, Lines, None, None]:
         on_objects = Objects(*objects.under(cells))
-        totals = statistics.empty_totals(n_cells, bins, disks, on_objects, objects.n_objects)
+        totals = statistics.empty_totals(
+            n_cells, bins, disks, on_objects, objects.n_objects, changes=compared is not None
+        )
         return totals, lines, None, None
 
     totals, rows, work, _, _ = run_blocks(
         ground, cells.size, strata, setup, effects, has_stems=bool((lines.stems > 0.0).any()),
         passages=crossings.chainage.size * rocks_per_line, on_map=profiles.on_map is not None,
-        log_events=log_events,
+        log_events=log_events, compared=compared is not None,
     )  # fmt: skip
-    left = blocks_of(rows, log_events)
     # Where a given line lies on the map is not known here.
-    left["passages"]["x_m"] = left["passages"]["y_m"] = np.nan
-    mark_roofs(left["passages"], crossings.control_lines, settings.gravity_mps2)
+    for passages in (rows.passages, rows.passages_without):
+        passed = passages.rows[: passages.n[0]]
+        passed["x_m"] = passed["y_m"] = np.nan
+    left = blocks_of(rows, log_events)
+    left["passages"] = at_first_lines(left["passages"], compared)
+    mark_roofs(left["passages"], crossings.control_lines[:compared], settings.gravity_mps2)
+    changes = totals.changes
+    at_places = (cells, changes.reach) if window is None else (centres, changes.windows)
     return Simulated(
         cells=cells,
         **left_in_cells(totals, work, np.arange(cells.size)),
         windows=centres,
         window_sums=by_threshold(totals.windows),
         objects=by_threshold(totals.objects),
+        without=without_barriers(totals, rows, *at_places),
         **left,
     )

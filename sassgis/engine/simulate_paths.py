@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -15,6 +16,7 @@ from sassgis.engine.kernel import Rows, Work
 from sassgis.engine.roofs import mark_roofs
 from sassgis.engine.simulate import (
     Simulated,
+    at_first_lines,
     blocks_of,
     by_threshold,
     control_line_table,
@@ -22,6 +24,7 @@ from sassgis.engine.simulate import (
     run_blocks,
     setup_of,
     strata_of,
+    without_barriers,
 )
 from sassgis.engine.statistics import Totals, Wanted, empty_totals
 from sassgis.errors import InputError
@@ -34,6 +37,8 @@ from sassgis.settings.settings import EngineSettings
 from sassgis.settings.statistics_table import Bins, default_bins
 from sassgis.terrain.cells import exact_positions
 
+# Around the box of a station or barrier (cells), so that no rounding loses a crossing.
+_AROUND = 1e-6
 # For how many cells there has to be room, by the shape of the grid and the number of windows listed
 # for each. Results do not depend on it.
 _ENOUGH: dict[tuple[tuple[int, int], int], int] = {}
@@ -70,6 +75,7 @@ def follow(
     log_events: int = 0,
     effects: EffectSettings | None = None,
     worth: Worth | None = None,
+    compared: int | None = None,
 ) -> Simulated:
     """Simulate blocks from release points, each along the path that it takes over the terrain.
 
@@ -77,7 +83,7 @@ def follow(
 
     Parameters
     ----------
-    table, blocks, settings, seed, objects, window, first_rock, bins, log_events, effects
+    table, blocks, settings, seed, objects, window, first_rock, bins, log_events, effects, compared
         As for sassgis.engine.simulate.simulate.
     point_keys : uint64, shape (n,)
         Identity of each point for the random draws.
@@ -113,7 +119,10 @@ def follow(
 
     def ground(n_cells: int) -> tuple[Totals, None, Path, Wanted | None]:
         register = empty_register(terrain.grid.shape, n_cells, window, objects)
-        totals = empty_totals(n_cells, bins, register.disks, register.on_objects, objects.n_objects)
+        totals = empty_totals(
+            n_cells, bins, register.disks, register.on_objects, objects.n_objects,
+            changes=compared is not None,
+        )  # fmt: skip
         path = path_of(terrain, settings, register, points)
         return totals, None, path, _wanted(worth, register, n)
 
@@ -121,13 +130,15 @@ def follow(
         ground, max(room_at_first(steps), _ENOUGH.get(key, 0)), strata, setup, effects,
         has_stems=forest is not None and bool((forest.stems_per_m2 > 0.0).any()),
         passages=len(lines) * (n * rocks_per_point + 1), on_map=True, log_events=log_events,
+        compared=compared is not None,
     )  # fmt: skip
     _ENOUGH[key] = totals.stops.size
     assert path is not None
     found = np.zeros(n) if wanted is None else wanted.found / max(setup.n_blocks - 1, 1)
     left = _named(terrain.grid, path.register, totals, rows, work, log_events)
-    mark_roofs(left.passages, lines, settings.gravity_mps2)
-    return replace(left, worth=found)
+    passages = at_first_lines(left.passages, compared)
+    mark_roofs(passages, lines[:compared], settings.gravity_mps2)
+    return replace(left, worth=found, passages=passages)
 
 
 def _wanted(worth: Worth | None, register: CellRegister, n: int) -> Wanted | None:
@@ -170,8 +181,15 @@ def path_of(
     """Return the terrain as the kernel takes it."""
     grid, forest = terrain.grid, terrain.forest
     traces = [np.asarray(trace, np.float64) for _, trace in terrain.control_lines]
-    number = [np.r_[np.full(len(t) - 1, i), -1] for i, t in enumerate(traces)]
     xy = np.concatenate([np.empty((0, 2)), *traces])
+    u = exact_positions((xy[:, 0] - grid.west) / grid.cell_size)
+    v = exact_positions((grid.north - xy[:, 1]) / grid.cell_size)
+    first = np.cumsum([0, *map(len, traces)]).astype(np.int64)
+    boxes = [
+        (own.min() - _AROUND, own.max() + _AROUND)
+        for a, b in itertools.pairwise(first)
+        for own in (u[a:b], v[a:b])
+    ]
     none = np.empty(0)
     sides = np.zeros((len(points), 2, 2)) if points.sides is None else points.sides
     return Path(
@@ -184,9 +202,10 @@ def path_of(
         side_tilt=math.radians(settings.side_tilt_deg),
         drift=math.radians(settings.drift_deg),
         sides=sides.reshape(-1, 4) * [1.0, -1.0, 1.0, -1.0] / grid.cell_size,
-        line_u=exact_positions((xy[:, 0] - grid.west) / grid.cell_size),
-        line_v=exact_positions((grid.north - xy[:, 1]) / grid.cell_size),
-        line_number=np.concatenate([np.empty(0, np.int64), *number]).astype(np.int64),
+        line_u=u,
+        line_v=v,
+        line_first=first,
+        line_box=np.array(boxes, np.float64).reshape(-1, 4),
         lines=control_line_table([line for line, _ in terrain.control_lines]),
         line_seen=np.zeros(len(traces), np.bool_),
         register=register,
@@ -201,20 +220,28 @@ def _named(
     came = totals.reach.blocks[:known, :, 0].any(axis=1) | (totals.stops[:known] > 0)
     reached = np.flatnonzero(came)
     order = reached[np.argsort(register.cells[reached])]
-    windows = np.argsort(register.windows[: register.counts[WINDOWS]])
+    middles = register.windows[: register.counts[WINDOWS]]
+    windows = np.argsort(middles)
     met = by_threshold(totals.windows, windows)
     came = met["exceed"][:, 0] > 0
-    ends = np.concatenate([rows.ends, rows.spawned_ends[: rows.spawned.n[0]]])
+    ends = np.concatenate([rows.ends[:-1], rows.spawned_ends[: rows.spawned.n[0]]])
     left = blocks_of(rows, log_events)
-    passages = left["passages"]
-    passages["x_m"] = grid.west + passages["x_m"] * grid.cell_size
-    passages["y_m"] = grid.north - passages["y_m"] * grid.cell_size
+    for passages in (rows.passages, rows.passages_without):
+        passed = passages.rows[: passages.n[0]]
+        passed["x_m"] = grid.west + passed["x_m"] * grid.cell_size
+        passed["y_m"] = grid.north - passed["y_m"] * grid.cell_size
+    changes = totals.changes
+    if not totals.disks.u.size:
+        at_places = register.cells[:known], changes.reach
+    else:
+        at_places = middles, changes.windows
     return Simulated(
         cells=register.cells[order],
         **left_in_cells(totals, work, order),
         windows=register.windows[windows[came]],
         window_sums={n: v[came] for n, v in met.items()},
         objects=by_threshold(totals.objects),
+        without=without_barriers(totals, rows, *at_places),
         **left,
         x=grid.west + ends[:, 0] * grid.cell_size,
         y=grid.north - ends[:, 1] * grid.cell_size,

@@ -83,6 +83,8 @@ STATE_FIELDS: tuple[tuple[str, Any], ...] = (
     ("moved", np.bool_),
     ("held_x", _F),  # where a net held it; infinite if none has (m)
     ("lines_from", _F),  # chainage up to which control lines have been dealt with (m)
+    ("meets_none", np.bool_),  # whether it moves as if there were no barriers
+    ("hindered", np.bool_),  # whether a barrier has changed its motion, or that of its parent
     ("n_passages", _I),
     ("n_touched", _I),  # cells
     ("furthest", _F),  # chainage (m)

@@ -73,7 +73,7 @@ class Exceedance(NamedTuple):
     # Working space for the blocks of one stratum: their number by the highest threshold that they
     # reached, and last that of all; the highest of all, -1 where none has been, and the places to
     # which they came.
-    own: NDArray[np.uint32]  # (n, thresholds + 1)
+    own: NDArray[np.int32]  # (n, thresholds + 1)
     top: NDArray[np.int16]
     met: NDArray[np.int64]
     n_met: NDArray[np.int64]  # (1,)
@@ -89,7 +89,7 @@ def no_exceedance(n: int, thresholds: int, are_cells: bool = False) -> Exceedanc
     n_peaks = 0 if are_cells else n
     return Exceedance(
         blocks=np.zeros((n, thresholds, 2), np.int64),
-        own=np.zeros((n, thresholds + 1), np.uint32),
+        own=np.zeros((n, thresholds + 1), np.int32),
         top=np.full(n, -1, np.int16),
         met=np.zeros(n, np.int64),
         n_met=np.zeros(1, np.int64),
@@ -116,6 +116,21 @@ def counted(sums: Exceedance, rows: IntArray) -> tuple[IntArray, IntArray]:
     return blocks, square
 
 
+class Changes(NamedTuple):
+    """By how much counts without barriers exceed those with them; without places: not wanted.
+
+    As Exceedance, with signs. A block whose motion no barrier changed is the same in both.
+    """
+
+    reach: Exceedance
+    windows: Exceedance
+    objects: Exceedance
+
+
+#: A block counts with barriers and without them, only with them, or only without them.
+BOTH, WITH, WITHOUT = range(3)
+
+
 class Totals(NamedTuple):
     """Sums of the run, to which the blocks of a chunk are added; one entry per block and place.
 
@@ -132,6 +147,7 @@ class Totals(NamedTuple):
     windows: Exceedance
     on_objects: Objects
     objects: Exceedance
+    changes: Changes
 
 
 # Blocks that came to cells are noted as visits, one word for each block and cell: the number of the
@@ -161,15 +177,21 @@ def flat_bins(bins: Bins) -> FlatBins:
 
 
 def empty_totals(
-    n_cells: int, bins: Bins, disks: Disks, on_objects: Objects, n_objects: int
-) -> Totals:
-    """Return sums for ``n_cells`` cells to which nothing has come yet."""
+    n_cells: int, bins: Bins, disks: Disks, on_objects: Objects, n_objects: int,
+    *, changes: bool = False,
+) -> Totals:  # fmt: skip
+    """Return sums for ``n_cells`` cells to which nothing has come yet.
+
+    ``changes`` is whether those without barriers are wanted too.
+    """
     flat = flat_bins(bins)
     levels = bins.threshold.size
     # In one block, so large that it comes zeroed from the system: of zeros that nobody writes to no
     # memory is taken then. Smaller ones the C library takes of its own, and clears.
     zeros = np.zeros(n_cells * flat.first[-2], np.uint32)
     edges = pairwise(flat.first[:-1])
+    # Hazard is counted in windows where there are some, else in cells.
+    sizes = 0 if disks.u.size else n_cells, disks.u.size, n_objects
     return Totals(
         bins=flat,
         stops=np.zeros(n_cells, np.int64),
@@ -180,6 +202,7 @@ def empty_totals(
         windows=no_exceedance(disks.u.size, levels),
         on_objects=on_objects,
         objects=no_exceedance(n_objects, levels),
+        changes=Changes(*(no_exceedance(changes * n, levels, are_cells=True) for n in sizes)),
     )
 
 
@@ -216,20 +239,51 @@ def by_cell(visits: NDArray[np.uint64], n_cells: int) -> NDArray[np.uint64]:
 
 
 @lean
-def _came(reach: Exceedance, place: int, level: int) -> None:
+def _came(reach: Exceedance, place: int, level: int, times: int) -> None:
     """Count a block of the stratum at a place, by the highest threshold that it reached there."""
     if reach.top[place] < level:
         if reach.top[place] < 0:
             reach.met[reach.n_met[0]] = place
             reach.n_met[0] += 1
         reach.top[place] = level
-    reach.own[place, level] += np.uint32(1)
-    reach.own[place, -1] += np.uint32(1)
+    reach.own[place, level] += np.int32(times)
+    reach.own[place, -1] += np.int32(times)
 
 
 @lean
-def end_stratum(reach: Exceedance) -> None:
+def _counts(reach: Exceedance, change: Exceedance, place: int, level: int, where: int) -> None:
+    """Count a block of the stratum at a place: with and without barriers, or only in one."""
+    if where != WITHOUT:
+        _came(reach, place, level, 1)
+    if where != BOTH and change.top.size > 0:
+        _came(change, place, level, 1 if where == WITHOUT else -1)
+
+
+@lean
+def _end_changes(reach: Exceedance, change: Exceedance) -> None:
+    """Add by how much the counts of a stratum differ without barriers."""
+    for k in range(change.n_met[0]):
+        place = change.met[k]
+        above = np.int64(0)
+        without = np.int64(0)
+        for i in range(max(change.top[place], reach.top[place]), -1, -1):
+            own = np.int64(reach.own[place, i])
+            more = np.int64(change.own[place, i])
+            change.own[place, i] = 0
+            before = without * without - above * above
+            above += own
+            without += own + more
+            change.blocks[place, i, 0] += more
+            change.blocks[place, i, 1] += without * without - above * above - before
+        change.own[place, -1] = 0
+        change.top[place] = -1
+    change.n_met[0] = 0
+
+
+@lean
+def end_stratum(reach: Exceedance, change: Exceedance) -> None:
     """Add the blocks of a stratum, all of which have been counted."""
+    _end_changes(reach, change)
     for k in range(reach.n_met[0]):
         place = reach.met[k]
         above = np.int64(0)
@@ -366,19 +420,33 @@ def passed_cells(work: CellWork, n_touched: int, last: int) -> int:
 
 
 @lean
-def count_places(reach: Exceedance, bins: FlatBins) -> None:
-    """Count a block at all windows or objects that it met."""
+def count_places(reach: Exceedance, change: Exceedance, bins: FlatBins, where: int) -> None:
+    """Count a block at all windows or objects that it met; ``where`` as for add_to_totals."""
     for k in range(reach.n_peaked[0]):
         place = reach.peaked[k]
-        _came(reach, place, _bin_of(bins, len(_BINNED), 1e-3 * reach.peak[place]))
+        level = _bin_of(bins, len(_BINNED), 1e-3 * reach.peak[place])
+        _counts(reach, change, place, level, where)
         reach.peak[place] = -1.0
     reach.n_peaked[0] = 0
 
 
 @lean
+def flush_changes(work: CellWork, n_touched: int, mass: float, totals: Totals) -> None:
+    """Count in its cells a block that moves there only without barriers."""
+    for k in range(n_touched):
+        cell = work.touched[k]
+        if totals.changes.reach.top.size > 0:
+            joule = work.peak[cell, ENERGY] * mass
+            level = _bin_of(totals.bins, len(_BINNED), 1e-3 * joule)
+            _counts(totals.reach, totals.changes.reach, cell, level, WITHOUT)
+        work.peak[cell, ENERGY] = -1.0
+
+
+@lean
 def flush(
-    work: CellWork, n_touched: int, mass: float, totals: Totals, visits: NDArray[np.uint64]
-) -> None:
+    work: CellWork, n_touched: int, mass: float, totals: Totals, visits: NDArray[np.uint64],
+    where: int,
+) -> None:  # fmt: skip
     """Add one block's cells to the sums, and note its visits."""
     bins = totals.bins
     for k in range(n_touched):
@@ -397,7 +465,8 @@ def flush(
         for i in range(len(_LOWERED)):
             at = len(_SUMMED) + len(_RAISED) + i
             values[at] = min(values[at], record[_LOWERED[i]])
-        _came(totals.reach, cell, _bin_of(bins, len(_BINNED), record[ENERGY]))
+        level = _bin_of(bins, len(_BINNED), record[ENERGY])
+        _counts(totals.reach, totals.changes.reach, cell, level, where)
         visit = np.uint64(cell) << _CELL
         for i in range(len(_BINNED)):
             own = np.uint64(_bin_of(bins, i, record[_BINNED[i]]))

@@ -93,14 +93,19 @@ def line_parts(sampled: Sequence[Sampled]) -> LineParts:
 
 
 def sampled_sources(
-    run: MapRun, progress: Progress, frequencies: dict[tuple[str, str], float] | None
+    run: MapRun,
+    progress: Progress,
+    frequencies: dict[tuple[str, str], float] | None,
+    *,
+    barriers: bool = True,
 ) -> list[Sampled]:
     """Return every source of a run with its counts, areas in their order, scenarios within them.
 
-    Without frequencies the rate of each block is 1.
+    Without frequencies the rate of each block is 1. ``barriers`` is whether blocks meet them.
     """
     out = []
     for (area, scenario), tally in sorted(progress.sources.items()):
+        tally = tally if barriers else tally.without_barriers()
         blocks = run.blocks[scenario]
         name = run.areas[area].name
         started = float(tally.rocks - tally.never_started)

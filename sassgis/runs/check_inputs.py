@@ -25,7 +25,7 @@ from sassgis.inputs.ground_map import default_class, read_ground_table
 from sassgis.inputs.vectors import read_edits
 from sassgis.runs.inputs import (
     collected_notices,
-    compares_barriers,
+    compared_run,
     named_preset,
     placed_objects,
     profile_from_csv,
@@ -242,7 +242,8 @@ def _checked(
     estimate = estimate_of(run, cores, len(points), repeats)
     if zones:
         check_budget(config, run, estimate.blocks)
-        repeats += compares_barriers(config, run)
+        # Blocks without barriers cost at most a repetition more.
+        repeats += compared_run(config, run).compared is not None
         estimate = for_zones(estimate, repeats, config.hazard.budget)
     starts = np.bincount(points.area[on_known_ground(run, points)], minlength=len(run.areas))
     said = [

@@ -40,6 +40,7 @@ from sassgis.settings.schema import Input, is_preset_file
 from sassgis.simulation.estimate import require_profile
 from sassgis.simulation.path_sample import ProfileInput, stretches_of
 from sassgis.terrain.dem_defects import TRACES_ADVICE, nodata_traces
+from sassgis.terrain.fall_lines import moved_lines
 from sassgis.terrain.slope_units import WALL_DEG, WALL_SHARE, slopes_deg, wall_share
 from sassgis.terrain.surface import block_scale_grid
 
@@ -283,10 +284,17 @@ def cells_of_wholes(placed: PlacedObjects, grid: Grid) -> tuple[list[str], Objec
     return names, ObjectCells(len(names), cells, owner[part])
 
 
-def compares_barriers(config: Config, run: MapRun) -> bool:
-    """Return whether there are walls and nets, and zones and risk without them are wanted too."""
-    built = any(line.kind != "station" for line, _ in run.control_lines)
-    return built and config.hazard.compare_barriers
+def compared_run(config: Config, run: MapRun, along_slope: bool = False) -> MapRun:
+    """Return a run whose blocks are also simulated without barriers, if that is wanted.
+
+    ``along_slope``: these are recorded at copies of the lines up and down the slope, too.
+    """
+    lines = run.control_lines
+    if not (config.hazard.compare_barriers and any(g.kind != "station" for g, _ in lines)):
+        return run
+    copies = moved_lines(run.grid, lines) if along_slope else ()
+    stations = tuple(copy.as_station(lines[copy.of][0].name) for copy in copies)
+    return replace(run, further_stations=stations)
 
 
 def ref_width(config: Config, cell_size: float) -> float:

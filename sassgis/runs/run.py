@@ -9,14 +9,16 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from sassgis.errors import ConfigError
 from sassgis.files.atomic_output import staged_output
+from sassgis.files.saved_arrays import saved_digest
 from sassgis.hazard.adaptive_sampling import MoreBlocks, check_budget
 from sassgis.hazard.assess import Assessment, Rules, assess
 from sassgis.hazard.sources import sampled_sources
 from sassgis.inputs.vectors import read_edits, with_earlier
 from sassgis.runs.inputs import (
     collected_notices,
-    compares_barriers,
+    compared_run,
     placed_objects,
     read_rules,
     with_objects,
@@ -29,6 +31,7 @@ from sassgis.runs.resumable_run import (
     Workplace,
     configured,
     jobs_within,
+    keeps_rows,
     read_job,
     simulate_job,
 )
@@ -38,9 +41,9 @@ from sassgis.settings.map_run import MapRun
 from sassgis.settings.results import RasterLayer, StopReason
 from sassgis.settings.statistics_table import bins_of
 from sassgis.simulation.accumulators import Progress
+from sassgis.simulation.reuse import KEPT_NAME, begun_with
 from sassgis.simulation.workers import Jobs, OnProgress
 from sassgis.studies.variants import GroundSpread
-from sassgis.terrain.fall_lines import moved_lines
 from sassgis.terrain.prepare import Plan
 
 if TYPE_CHECKING:
@@ -52,6 +55,12 @@ if TYPE_CHECKING:
 _AUTO = (
     'hazard.blocks = "auto" is for zone and batch: run simulates {} blocks of each scenario at '
     "each release point (release.rocks_per_point)."
+)
+
+
+_NOT_REUSED = (
+    "an earlier result can be used again where there are walls, nets or galleries that are "
+    "compared (hazard.compare_barriers), and no tables of single blocks or passages"
 )
 
 
@@ -186,14 +195,6 @@ def prepared(job: Job, rules: Rules) -> Job:
     return replace(job, run=with_rules(job.run, rules), notices=notices)
 
 
-def without_barriers(job: Job) -> Job:
-    """Return the job with its walls and nets as stations: they record blocks and stop none."""
-    control_lines = tuple(
-        (replace(line, kind="station"), trace) for line, trace in job.run.control_lines
-    )
-    return replace(job, run=replace(job.run, control_lines=control_lines), notices=())
-
-
 def zone(
     config: AnyConfig,
     out: str | Path,
@@ -205,12 +206,15 @@ def zone(
     memory_gb: float | None = None,
     on_progress: OnProgress | None = None,
     say: Callable[[str], None] | None = None,
+    reuse: str | Path | None = None,
 ) -> ZoneResult:
     """Run a configuration and make hazard zones, and the risk of exposed objects if there are any.
 
     Everything that sassgis.runs.run.run writes, and ``hazard.gpkg``, maps of level, intensity,
     return period and confidence, tables of zones, barriers and risk. Parameters and errors are
-    those of sassgis.runs.run.run.
+    those of sassgis.runs.run.run, and ``reuse``: the folder of a result of the same inputs but for
+    stations, walls, nets and galleries. Only release areas whose blocks come near one that has
+    changed are simulated again, with as many blocks as there.
     """
     config = configured(config, seed)
     tell = say or (lambda _text: None)
@@ -224,9 +228,10 @@ def zone(
         jobs = jobs_within(config, job.run, jobs, memory_gb)
         place = Workplace(work, jobs, on_progress, tell)
         began = time.perf_counter()
-        done, without = simulations(job, rules, place, along_slope=True)
+        earlier = None if reuse is None else Path(reuse)
+        done = zone_simulation(job, rules, place, along_slope=True, reuse=earlier)
         drawn = drawn_ground(done, place, known, rules, rules.placed)
-        found, published = write_zones(work, rules, done, without, areas, tell, drawn=drawn)
+        found, published = write_zones(work, rules, done, areas, tell, drawn=drawn)
         seconds = time.perf_counter() - began
     return ZoneResult(result_of(Path(out), done, published, drawn), rules, found, seconds)
 
@@ -235,7 +240,6 @@ def write_zones(
     work: Path,
     rules: Rules,
     done: Simulation,
-    without: Simulation | None,
     areas: Sequence[str] | None,
     tell: Callable[[str], None],
     *,
@@ -244,15 +248,15 @@ def write_zones(
 ) -> tuple[Assessment, Published]:
     """Find the zones and write everything into ``work``, in the language of the configuration.
 
-    ``without`` are the same blocks without walls and nets, ``drawn`` those on draws of the ground
-    classes. ``first`` is called with the results before anything is written.
+    ``drawn`` are the results of draws of the ground classes. ``first`` is called with the results
+    before anything is written.
     """
     # As in sassgis.runs.run.run: loaded when there is something to write.
     from sassgis.runs.publish import publish_map, with_spread
     from sassgis.runs.publish_zones import zone_extras
 
     tell("Drawing the zones")
-    found = assessed(rules, done, without)
+    found = assessed(rules, done)
     if first is not None:
         first(found)
     with in_language(done.config.project.language):
@@ -261,48 +265,52 @@ def write_zones(
         return found, publish_map(work, done, areas, tell, extras)
 
 
-def assessed(rules: Rules, done: Simulation, without: Simulation | None) -> Assessment:
-    """Assess hazard and risk from simulations with and without barriers."""
+def assessed(rules: Rules, done: Simulation) -> Assessment:
+    """Assess hazard and risk from a simulation, with and without barriers."""
     # Loaded when there is something to draw.
     from sassgis.outputs.qgis.layout import drawing_on_sheet
 
-    sampled = [
-        None if s is None else sampled_sources(s.run, s.progress, rules.frequencies)
-        for s in (done, without)
-    ]
-    assert sampled[0] is not None
+    sources = partial(sampled_sources, done.run, done.progress, rules.frequencies)
     hazard = done.config.hazard
     metres = rules.ref_width_m, done.run.release.spacing_m, done.run.grid.cell_size
     return assess(
-        rules, done.run.grid, bins_of(done.run).threshold, sampled[0], sampled[1],
+        rules, done.run.grid, bins_of(done.run).threshold, sources(),
+        sources(barriers=False) if done.progress.compared else None,
         confidence=hazard.confidence, by_source=hazard.by_source,
         drawing_of=partial(drawing_on_sheet, done.config.zones, rules.preset.sheet, metres),
     )  # fmt: skip
 
 
-def simulations(
-    job: Job, rules: Rules, place: Workplace, sums_only: bool = False, along_slope: bool = False
-) -> tuple[Simulation, Simulation | None]:
-    """Simulate with the barriers and, if that is wanted, without them: the same blocks.
+def zone_simulation(
+    job: Job,
+    rules: Rules,
+    place: Workplace,
+    *,
+    sums_only: bool = False,
+    along_slope: bool = False,
+    reuse: Path | None = None,
+) -> Simulation:
+    """Simulate with the barriers and, if that is wanted, the same blocks without them.
 
     ``sums_only`` as for simulate_job; ``along_slope``: without barriers blocks are recorded at
-    copies of the lines along the slope, too.
+    copies of the lines along the slope, too, and the sums of the release areas are kept for
+    another run. ``reuse`` is the folder of a result from which such sums are taken.
     """
-    budget, both = job.config.hazard.budget, compares_barriers(job.config, job.run)
-    more, schedule = None, ""
+    run, budget, more, schedule = job.run, job.config.hazard.budget, None, ""
     if budget is not None:
-        check_budget(job.config, job.run, int(job.planned.blocks_of_point(job.run).sum()))
-        more = MoreBlocks(rules, budget, budget.seconds / (1 + both), place.tell)
+        check_budget(job.config, run, int(job.planned.blocks_of_point(run).sum()))
+        more = MoreBlocks(rules, budget, budget.seconds, place.tell)
         schedule = repr((budget, rules.preset, rules.frequencies))
-    done = simulate_job(job, place, next_round=more, schedule=schedule, sums_only=sums_only)
-    if not both:
-        return done, None
-    place.tell("Simulating without walls and nets")
-    same = without_barriers(replace(job, run=replace(job.run, rounds=done.run.rounds)))
-    if along_slope:
-        # Stations where the lines could stand up and down the slope, after the others.
-        lines = same.run.control_lines
-        stations = [m.as_station(lines[m.of][0].name) for m in moved_lines(same.run.grid, lines)]
-        same = replace(same, run=replace(same.run, control_lines=(*lines, *stations)))
-    part = "without_barriers"
-    return done, simulate_job(same, place, schedule=schedule, part=part, sums_only=sums_only)
+    job = replace(job, run=compared_run(job.config, run, along_slope))
+    begin = None
+    if along_slope and job.run.compared is not None and not keeps_rows(job.config):
+        begin = partial(Progress.fresh, apart=True)
+    if reuse is not None:
+        if begin is None:
+            raise ConfigError(_NOT_REUSED, file=job.config.file, field="barriers")
+        begin = partial(begun_with, reuse / KEPT_NAME)
+        schedule += f" {saved_digest(reuse / KEPT_NAME)}"
+    done = simulate_job(
+        job, place, next_round=more, schedule=schedule, sums_only=sums_only, begin=begin
+    )
+    return replace(done, run=replace(done.run, further_stations=None))

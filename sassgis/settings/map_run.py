@@ -156,6 +156,19 @@ class MapRun:
     # Cells at the north, east, south and west edge of the grid that no followed path may look at,
     # as the terrain goes on there.
     rim: tuple[int, int, int, int] = (0, 0, 0, 0)
+    # As control_lines: further stations for the same blocks without barriers; None: these are not
+    # wanted.
+    further_stations: tuple[tuple[ControlLine, FloatArray], ...] | None = None
+
+    @property
+    def all_lines(self) -> tuple[tuple[ControlLine, FloatArray], ...]:
+        """The control lines, and after them the further stations."""
+        return (*self.control_lines, *(self.further_stations or ()))
+
+    @property
+    def compared(self) -> int | None:
+        """How many lines blocks meet with barriers; None if none are wanted without these."""
+        return None if self.further_stations is None else len(self.control_lines)
 
     def sides_met(self, looked_at: tuple[int, int, int, int]) -> tuple[bool, bool, bool, bool]:
         """Find on which sides (north, east, south, west) paths looked into the rim (Simulated)."""

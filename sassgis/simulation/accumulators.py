@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field, fields
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, fields, replace
 from typing import Any
 
 import numpy as np
@@ -15,14 +15,20 @@ from sassgis.engine.simulate import Simulated
 from sassgis.grid import FloatArray, IntArray
 from sassgis.settings.hazard_rules import SourceCounts
 from sassgis.settings.map_run import BlockRows, FallLines, MapRun, Round, Worth
-from sassgis.settings.results import PASSAGE_DTYPE, ROCK_DTYPE, LineEnd, StopReason
-from sassgis.settings.statistics_table import bins_of
+from sassgis.settings.results import (
+    PASSAGE_DTYPE,
+    ROCK_DTYPE,
+    ControlLine,
+    LineEnd,
+    StopReason,
+)
+from sassgis.settings.statistics_table import SUM_NAMES, bins_of
 from sassgis.simulation.control_lines import ControlLineSums
 from sassgis.simulation.map_sums import MapSums, Sample, weighted_counts, weighted_sums
 
 
 class SourceSums:
-    """Growing counts, in whole numbers; memory grows with the places that are reached."""
+    """Growing counts, or differences of counts; memory grows with the places that are reached."""
 
     def __init__(self, n_energies: int) -> None:
         self.n_energies = n_energies
@@ -34,7 +40,7 @@ class SourceSums:
 
     def add(self, places: IntArray, count: IntArray, square: IntArray) -> None:
         """Add counts of some places, each of which is named once; all as in SourceCounts."""
-        reached = np.flatnonzero(count[:, 0] > 0)
+        reached = np.flatnonzero(count.any(axis=1) | square.any(axis=1))
         at, known = self._found(places[reached])
         if not known.all():
             self._grow(np.sort(places[reached[~known]]))
@@ -65,6 +71,15 @@ class SourceSums:
     def counts(self) -> SourceCounts:
         """Return the counts added so far."""
         return SourceCounts(self._places, self._count[self._row], self._square[self._row])
+
+    def plus(self, differences: SourceSums) -> SourceSums:
+        """Return these counts and their differences from others: the others."""
+        out = SourceSums(self.n_energies)
+        for own in (self.counts(), differences.counts()):
+            out.add(own.places, own.count, own.square)
+        some = np.flatnonzero(out._count[out._row, 0] > 0)
+        out._places, out._row = out._places[some], out._row[some]
+        return out
 
     def state(self) -> dict[str, NDArray[Any]]:
         """Return the state needed to go on later, as plain arrays."""
@@ -109,6 +124,34 @@ class ChunkResult:
     lost: int  # blocks of lines that are too short to be simulated on
 
 
+def as_stations(lines: Sequence[ControlLine]) -> tuple[ControlLine, ...]:
+    """Return control lines as stations, as blocks pass them without barriers."""
+    return tuple(replace(line, kind="station") for line in lines)
+
+
+@dataclass
+class WithoutBarriers:
+    """Sums of the blocks of a source as if there were no barriers."""
+
+    # By how much counts exceed those with barriers.
+    cells: SourceSums
+    objects: SourceSums
+    control_lines: ControlLineSums
+    never_started: int = 0  # as in SourceTally
+
+    @classmethod
+    def fresh(cls, n_energies: int, lines: Sequence[ControlLine]) -> WithoutBarriers:
+        """Return nothing added yet; all lines are stations then."""
+        at_lines = ControlLineSums(as_stations(lines))
+        return cls(SourceSums(n_energies), SourceSums(n_energies), at_lines)
+
+    @classmethod
+    def alike(cls, tally: SourceTally) -> WithoutBarriers:
+        """Return the sums of a source that meets no barriers."""
+        cells, objects = (SourceSums(own.n_energies) for own in (tally.cells, tally.objects))
+        return cls(cells, objects, tally.control_lines, tally.never_started)
+
+
 @dataclass
 class SourceTally:
     """Sums of one source: a block scenario of a release area."""
@@ -123,14 +166,16 @@ class SourceTally:
     never_started: int = 0
     simulated: int = 0  # blocks, each once
     heaviest: int = 1  # largest weight of any of them
+    without: WithoutBarriers | None = None  # if it is wanted
 
     @classmethod
     def fresh(cls, run: MapRun) -> SourceTally:
         """Return nothing added yet."""
-        n = bins_of(run).threshold.size
+        n, lines = bins_of(run).threshold.size, [line for line, _ in run.all_lines]
         return cls(
-            SourceSums(n), SourceSums(n), ControlLineSums(tuple(g for g, _ in run.control_lines))
-        )
+            SourceSums(n), SourceSums(n), ControlLineSums(tuple(lines[: run.compared])),
+            without=None if run.compared is None else WithoutBarriers.fresh(n, lines),
+        )  # fmt: skip
 
     def add(
         self, result: Simulated, weight: int = 1, each: int = 1, random_points: bool = False
@@ -148,11 +193,28 @@ class SourceTally:
         numbers = np.arange(result.objects["exceed"].shape[0], dtype=np.int64)
         self.objects.add(numbers, *counts(result.objects))
         self.control_lines.add(result.passages, weight, random_points)
+        if self.without is not None and (other := result.without) is not None:
+            self.without.cells.add(other.places, *counts(other.differences))
+            self.without.objects.add(numbers, *counts(other.objects))
+            self.without.control_lines.add(other.passages, weight, random_points)
+            self.without.never_started += weight * other.never_started
         idle = int((result.rocks["reason"] == StopReason.NEVER_STARTED).sum())
         self.simulated += result.rocks.size
         self.rocks += weight * result.rocks.size
         self.never_started += weight * idle
         self.heaviest = max(self.heaviest, weight)
+
+    def without_barriers(self) -> SourceTally:
+        """Return the sums of the same blocks without barriers; its own where they are the same."""
+        if self.without is None:
+            return self
+        joined = []
+        for own, more in ((self.cells, self.without.cells), (self.objects, self.without.objects)):
+            joined.append(own.plus(more))
+        return replace(
+            self, cells=joined[0], objects=joined[1], without=None,
+            control_lines=self.without.control_lines, never_started=self.without.never_started,
+        )  # fmt: skip
 
 
 @dataclass
@@ -187,6 +249,17 @@ class Progress:
     # After each repetition: blocks that were simulated, and the share of the zoned area whose level
     # another sample would change.
     history: list[tuple[int, float]] = field(default_factory=list)
+    # Sums of the release areas apart, by position; what they hold is not in the sums here until
+    # they are joined, but for the sources. None where they are not wanted apart.
+    parts: dict[int, Progress] | None = None
+    # Of an earlier result: areas of which all blocks of so many of the first rounds are there.
+    reused: tuple[int, ...] = ()
+    reused_rounds: int = 0
+
+    @property
+    def compared(self) -> bool:
+        """Whether there are sums of the same blocks without barriers."""
+        return any(tally.without is not None for tally in self.sources.values())
 
     @property
     def lost_share(self) -> float:
@@ -205,12 +278,13 @@ class Progress:
         return within_metres(self.started_runout, *shares)
 
     @classmethod
-    def fresh(cls, run: MapRun) -> Progress:
-        """Return nothing added yet."""
+    def fresh(cls, run: MapRun, *, apart: bool = False) -> Progress:
+        """Return nothing added yet; ``apart``: sums of the release areas are kept apart."""
         n_rows, n_cols = run.grid.shape
         return cls(
             0, MapSums(n_rows * n_cols), ControlLineSums(tuple(g for g, _ in run.control_lines)),
             stop_share=1.0 if run.stop_points_max else 0.0, rounds=run.rounds,
+            parts={} if apart else None,
         )  # fmt: skip
 
 
@@ -224,6 +298,22 @@ def within_metres(counts: IntArray, *shares: float) -> tuple[int, ...]:
 
 def add_chunk(progress: Progress, outcome: ChunkResult, run: MapRun) -> None:
     """Add the result of a chunk; chunks are added in their order."""
+    if progress.worth is not None:
+        for scenario, result in outcome.sums.items():
+            np.add.at(progress.scores[:, scenario], outcome.points, result.worth)
+    own = progress
+    if progress.parts is not None:
+        own = progress.parts.setdefault(outcome.area, Progress.fresh(run))
+        progress.simulated -= own.simulated
+    _add_sums(own, outcome, run)
+    if progress.parts is not None:
+        progress.simulated += own.simulated
+        progress.sources |= own.sources
+    progress.chunks += 1
+
+
+def _add_sums(progress: Progress, outcome: ChunkResult, run: MapRun) -> None:
+    """Add the sums of a chunk."""
     weight, each = outcome.weight, run.release.rocks_per_point
     for scenario, result in outcome.sums.items():
         kept = weighted_sums(result.kept, weight, each)
@@ -234,8 +324,6 @@ def add_chunk(progress: Progress, outcome: ChunkResult, run: MapRun) -> None:
             progress.sources[source] = SourceTally.fresh(run)
         drawn = run.release.placement == "random"
         progress.sources[source].add(result, weight, each, drawn)
-        if progress.worth is not None:
-            np.add.at(progress.scores[:, scenario], outcome.points, result.worth)
     # Fragments and entrained blocks are no released blocks.
     released = outcome.rows.rocks["piece"] == 0
     progress.pieces += int((~released).sum())
@@ -255,13 +343,47 @@ def add_chunk(progress: Progress, outcome: ChunkResult, run: MapRun) -> None:
             progress.furthest = longest
     if outcome.lines.point.size:
         progress.lines.append(outcome.lines)
-    _keep_stops(progress, outcome.rows, run)
-    progress.chunks += 1
+    _keep_stops(progress, outcome.rows, run, 1.0 / float(outcome.rows.rock_weight.max(initial=1)))
 
 
-def _keep_stops(progress: Progress, rows: BlockRows, run: MapRun) -> None:
-    """Keep a share of the blocks: 1/weight at most, and less where they become too many."""
-    _keep_fewer(progress, run.seed, 1.0 / float(rows.rock_weight.max(initial=1)))
+def join_parts(progress: Progress, run: MapRun) -> None:
+    """Add the sums of the release areas, one after the other, and let go of them."""
+    parts, progress.parts = progress.parts or {}, None
+    simulated = progress.simulated
+    for _, part in sorted(parts.items()):
+        if progress.sums.cells.size:
+            columns = {name: part.sums.column(name) for name in SUM_NAMES}
+            progress.sums.add(part.sums.cells, columns)
+        else:
+            progress.sums = part.sums
+        n = len(progress.control_lines.control_lines)
+        progress.control_lines.add_sums(part.control_lines, np.arange(n))
+        add_blocks(progress, part)
+        _keep_stops(progress, joined_rows(part.stops), run, part.stop_share)
+        part.sums = MapSums(0)
+    progress.simulated = simulated
+
+
+def add_blocks(total: Progress, own: Progress, first_point: int = 0) -> None:
+    """Add what became of the blocks of an area, whose release points begin at ``first_point``."""
+    total.reasons += own.reasons
+    total.simulated += own.simulated
+    total.lost += own.lost
+    total.pieces += own.pieces
+    width = max(total.runout.shape[1], own.runout.shape[1])
+    total.runout, more = (
+        np.pad(r, ((0, 0), (0, width - r.shape[1]))) for r in (total.runout, own.runout)
+    )
+    total.runout += more
+    total.lines += [replace(lines, point=lines.point + first_point) for lines in own.lines]
+    if own.furthest is not None and (total.furthest is None or own.furthest[0] > total.furthest[0]):
+        reach, line, scenario, rock = own.furthest
+        total.furthest = (reach, line + first_point, scenario, rock)
+
+
+def _keep_stops(progress: Progress, rows: BlockRows, run: MapRun, most: float) -> None:
+    """Keep a share of the blocks, at most so large, and less where they become too many."""
+    _keep_fewer(progress, run.seed, most)
     progress.stops.append(evenly_kept(rows, run.seed, progress.stop_share))
     while sum(own.rocks.size for own in progress.stops) > 2 * run.stop_points_max:
         _keep_fewer(progress, run.seed, progress.stop_share / 2.0)

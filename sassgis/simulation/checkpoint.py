@@ -30,6 +30,8 @@ from sassgis.simulation.accumulators import (
     Progress,
     SourceSums,
     SourceTally,
+    WithoutBarriers,
+    as_stations,
     joined_lines,
     joined_rows,
 )
@@ -38,7 +40,8 @@ from sassgis.simulation.map_sums import MapSums
 
 #: Plain numbers of a progress and of the tally of a source.
 _NUMBERS: dict[str, Any] = {
-    "chunks": int, "lost": int, "pieces": int, "simulated": int, "stop_share": float
+    "chunks": int, "lost": int, "pieces": int, "simulated": int, "stop_share": float,
+    "reused_rounds": int,
 }  # fmt: skip
 _ARRAYS = ("reasons", "runout", "scores")
 _OF_SOURCE = ("rocks", "never_started", "simulated", "heaviest")
@@ -73,7 +76,8 @@ class Checkpoint:
                 return None
         n_rows, n_cols = run.grid.shape
         try:
-            found = progress_from(state, n_rows * n_cols, tuple(g for g, _ in run.control_lines))
+            lines = tuple(line for line, _ in run.all_lines)
+            found = progress_from(state, n_rows * n_cols, lines, run.compared)
         except (KeyError, IndexError, ValueError, TypeError):
             tell(unfit(file, "it is not whole"))
             return None
@@ -134,7 +138,11 @@ def state_of(progress: Progress) -> dict[str, NDArray[np.generic]]:
         "history": np.array(progress.history, np.float64).reshape(-1, 2),
         "furthest_m": np.array((progress.furthest or ())[:1], np.float64),
         "furthest_rock": np.array((progress.furthest or ())[1:], np.int64),
+        "reused": np.array(progress.reused, np.int64),
+        "apart": np.array(progress.parts is not None),
     }
+    for area, part in (progress.parts or {}).items():
+        state |= {f"area.{area}.{name}": own for name, own in state_of(part).items()}
     state |= {name: np.array(getattr(progress, name)) for name in _NUMBERS}
     state |= {
         f"halvings.{i}": own.halvings
@@ -144,10 +152,15 @@ def state_of(progress: Progress) -> dict[str, NDArray[np.generic]]:
     sums: dict[str, MapSums | ControlLineSums | SourceSums] = {
         "sums": progress.sums, "control_lines": progress.control_lines
     }  # fmt: skip
-    for (area, scenario), tally in progress.sources.items():
+    # Sources of areas that are apart are those of their parts.
+    for (area, scenario), tally in progress.sources.items() if progress.parts is None else ():
         name = f"source.{area}.{scenario}"
         state |= {f"{name}.{n}": np.array(getattr(tally, n)) for n in _OF_SOURCE}
-        sums |= {f"{name}.{n}": getattr(tally, n) for n in ("cells", "objects", "control_lines")}
+        counted = ("cells", "objects", "control_lines")
+        sums |= {f"{name}.{n}": getattr(tally, n) for n in counted}
+        if tally.without is not None:
+            state[f"{name}.without.never_started"] = np.array(tally.without.never_started)
+            sums |= {f"{name}.without.{n}": getattr(tally.without, n) for n in counted}
     for name, added in sums.items():
         state |= {f"{name}.{k}": v for k, v in added.state().items()}
     records: list[tuple[str, FallLines | BlockRows | Worth]] = [
@@ -160,10 +173,23 @@ def state_of(progress: Progress) -> dict[str, NDArray[np.generic]]:
 
 
 def progress_from(
-    state: dict[str, Any], n_cells: int, control_lines: tuple[ControlLine, ...]
+    state: dict[str, Any],
+    n_cells: int,
+    lines: tuple[ControlLine, ...],
+    compared: int | None = None,
 ) -> Progress:
-    """Restore a run's progress from its state, grid cells, stations and barriers."""
-    at_lines, sources = counts_from(state, n_cells, control_lines)
+    """Restore a run's progress from its state, grid cells, stations and barriers.
+
+    Of the lines, the first ``compared`` are met with barriers, or all.
+    """
+    at_lines, sources = counts_from(state, n_cells, lines, compared)
+    areas = {int(name.split(".")[1]) for name in state if name.startswith("area.")}
+    parts = {
+        area: progress_from(_group(state, f"area.{area}"), n_cells, lines, compared)
+        for area in sorted(areas)
+    }
+    for part in parts.values():
+        sources |= part.sources
     worth = _group(state, "worth")
     furthest: Any = (*state["furthest_m"].tolist(), *state["furthest_rock"].tolist())
     plain: dict[str, Any] = {name: np.array(state[name]) for name in _ARRAYS}
@@ -180,6 +206,8 @@ def progress_from(
         # Of what is kept as a result it says nothing.
         seconds=float(state.get("seconds", 0.0)),
         worth=Worth(**worth) if worth else None,
+        parts=parts if state["apart"] else None,
+        reused=tuple(state["reused"].tolist()),
         sources=sources,
         lines=[FallLines(**_group(state, "lines"))],
         stops=[BlockRows(**_group(state, "stops"))],
@@ -188,27 +216,47 @@ def progress_from(
 
 
 def counts_from(
-    state: dict[str, Any], n_cells: int, control_lines: tuple[ControlLine, ...]
+    state: dict[str, Any],
+    n_cells: int,
+    lines: tuple[ControlLine, ...],
+    compared: int | None = None,
 ) -> tuple[ControlLineSums, dict[tuple[int, int], SourceTally]]:
     """Restore passages at control lines, and counts by source, from a state or part of it.
 
-    The sources keep their order. ValueError: there are counts outside of the grid.
+    ``compared`` as for progress_from. The sources keep their order. ValueError: there are counts
+    outside of the grid.
     """
-    cells = [own for name, own in state.items() if name.endswith(("sums.cells", "cells.places"))]
-    if any(((own < 0) | (own >= n_cells)).any() for own in cells):
+    counted = [own for name, own in state.items() if name.endswith(("sums.cells", "cells.places"))]
+    if any(((own < 0) | (own >= n_cells)).any() for own in counted):
         raise ValueError("cells outside of the grid")
+
+    def counts(
+        name: str, at: tuple[ControlLine, ...]
+    ) -> tuple[SourceSums, SourceSums, ControlLineSums]:
+        return (
+            SourceSums.from_state(_group(state, f"{name}.cells")),
+            SourceSums.from_state(_group(state, f"{name}.objects")),
+            ControlLineSums.from_state(at, _group(state, f"{name}.control_lines")),
+        )
+
+    def without_barriers(name: str) -> WithoutBarriers | None:
+        never_started = state.get(f"{name}.never_started")
+        if never_started is None:
+            return None
+        cells, objects, at_lines = counts(name, as_stations(lines))
+        return WithoutBarriers(cells, objects, at_lines, int(never_started))
+
+    met = lines[:compared]
     sources = {}
     for rocks in [name for name in state if re.fullmatch(r"source\.\d+\.\d+\.rocks", name)]:
         name = rocks.removesuffix(".rocks")
         _, area, scenario = name.split(".")
+        cells, objects, at_lines = counts(name, met)
         sources[int(area), int(scenario)] = SourceTally(
-            SourceSums.from_state(_group(state, f"{name}.cells")),
-            SourceSums.from_state(_group(state, f"{name}.objects")),
-            ControlLineSums.from_state(control_lines, _group(state, f"{name}.control_lines")),
-            *(int(state[f"{name}.{n}"]) for n in _OF_SOURCE),
-        )
-    at_lines = ControlLineSums.from_state(control_lines, _group(state, "control_lines"))
-    return at_lines, sources
+            cells, objects, at_lines, **{n: int(state[f"{name}.{n}"]) for n in _OF_SOURCE},
+            without=without_barriers(f"{name}.without"),
+        )  # fmt: skip
+    return ControlLineSums.from_state(met, _group(state, "control_lines")), sources
 
 
 def read_rows(part: Path) -> BlockRows:

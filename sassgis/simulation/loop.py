@@ -77,7 +77,7 @@ def numbered(rows: NDArray[np.void], chunk: Chunk, each: int) -> NDArray[np.void
 def path_terrain(run: MapRun) -> PathTerrain:
     """Return the terrain on which paths are followed."""
     return PathTerrain(
-        run.heights, run.ground, run.terrain.segment_tolerance_m, run.control_lines, run.forest
+        run.heights, run.ground, run.terrain.segment_tolerance_m, run.all_lines, run.forest
     )
 
 
@@ -160,6 +160,9 @@ def _work(common: _Common, chunk: Chunk) -> ChunkResult:
         )
         for k, result, ended, x, y in found
     ]
+    for _, result, *_ in found:
+        if result.without is not None:
+            numbered(result.without.passages, own, each)
     lost = int((~good).sum()) * each * len(chunk.scenarios)
     # For the map: where the descent leads from each point, once for all repetitions.
     drawn = []
@@ -183,7 +186,7 @@ def _followed(common: _Common, chunk: Chunk) -> tuple[NDArray[np.bool_], None, l
     for k in chunk.scenarios if len(points) else ():
         result = follow_blocks(
             run, points, k, chunk.repetitions[known], rocks_per_point=run.release.rocks_per_point,
-            objects=run.objects, window=run.window, bins=bins, worth=worth,
+            objects=run.objects, window=run.window, bins=bins, worth=worth, compared=run.compared,
         )  # fmt: skip
         if result.looked_at is not None and any(sides := run.sides_met(result.looked_at)):
             raise TerrainTooSmall(sides)
@@ -205,7 +208,7 @@ def _on_lines(
         result = blocks_on_lines(
             run, planned, chunk.points, prepared, k, chunk.repetitions,
             rocks_per_line=run.release.rocks_per_point,
-            objects=run.objects, window=run.window, bins=bins,
+            objects=run.objects, window=run.window, bins=bins, compared=run.compared,
         )  # fmt: skip
         ended = np.concatenate([result.rocks, result.pieces])
         line = ended["line"].astype(np.int64)
@@ -276,7 +279,13 @@ def simulate_map(
         Ctrl-C waits until it returns, so that the progress is whole at any time.
     """
     progress = resume if resume is not None else Progress.fresh(run)
-    chunks = chunks_of(planned, run.rounds, chunk_points)
+    earlier = progress.reused_rounds
+    chunks = [
+        chunk
+        for chunk in chunks_of(planned, run.rounds[:earlier], chunk_points)
+        if planned.points.area[chunk.points[0]] not in progress.reused
+    ]
+    chunks += chunks_of(planned, run.rounds[earlier:], chunk_points)
     workers = Threads(jobs) if isinstance(jobs, int) else jobs
     common: _Common = (run, planned, bins_of(run), progress.worth)
     with closing(workers.in_order(_work, common, chunks[progress.chunks :])) as outcomes:
@@ -308,6 +317,7 @@ def sampled_plan(run: MapRun, planned: Plan, blocks: int, points: int) -> tuple[
         replace(
             once, release=replace(run.release, rocks_per_point=each),
             stop_points_max=0, ref_width_m=0.0, objects=ObjectCells.none(), rim=(0, 0, 0, 0),
+            further_stations=None,
         ),
         plan_of_points(planned, which),
     )  # fmt: skip

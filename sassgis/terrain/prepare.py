@@ -216,7 +216,7 @@ def prepare_lines(run: MapRun, traces: TraceSet) -> PreparedLines:
         lines,
         kept,
         with_lead_in(kept, LEAD_IN_M),
-        control_line_crossings(run.control_lines, lines),
+        control_line_crossings(run.all_lines, lines),
     )
 
 

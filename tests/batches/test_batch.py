@@ -197,15 +197,10 @@ def fewer(folder: Path) -> None:
     )
 
 
-def planted(folder: Path) -> None:
-    shutil.copy(folder / "simulation.npz", folder / "without_barriers.npz")
-    change_arrays(folder / "without_barriers.npz", lambda a: a["reasons"].__ifloordiv__(2))
-
-
 @pytest.mark.battery
 @pytest.mark.parametrize(
     ("change", "file"),
-    [(fewer, "area.json"), (scaled, "simulation.npz"), (planted, "without_barriers.npz")],
+    [(fewer, "area.json"), (scaled, "simulation.npz")],
 )
 def test_an_area_that_was_changed_is_refused_until_it_is_moved_away(
     done: Stopped, valley: Valley, tmp_path: Path, change: Callable[[Path], None], file: str

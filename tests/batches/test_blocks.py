@@ -34,7 +34,7 @@ from sassgis.batches.batch_mosaic import (
     kept_mosaic,
     shared,
 )
-from sassgis.batches.batch_window import Reached, Record, added_up, digests_of_sums, read_state
+from sassgis.batches.batch_window import Reached, Record, added_up
 from sassgis.errors import OutputError
 from sassgis.files.atomic_output import check_output
 from sassgis.inputs.tiles import Part, hull
@@ -76,9 +76,7 @@ def test_areas_at_the_same_time_files_tiles_and_sums_only_give_the_same_mosaic(
     for name in ("mitte", "mitte_bis", "nord"):
         own, whole = (f / "areas" / name for f in (tmp_path / "out", done.folder))
         held = {f.name for f in own.iterdir()}
-        assert held == {
-            "area.json", "manifest.json", "simulation.npz", "without_barriers.npz",
-        }  # fmt: skip
+        assert held == {"area.json", "manifest.json", "simulation.npz"}
         assert (own / "simulation.npz").read_bytes() == (whole / "simulation.npz").read_bytes()
         check_output(own, overwrite=True)
     check_output(tmp_path / "out" / "mosaic", overwrite=True)
@@ -356,20 +354,6 @@ def test_areas_that_meet_through_others_are_one_group() -> None:
     assert [[areas.index(a) for a in g] for g in groups(areas, 5)] == [[0], [1], [2], [3]]
     # 0 and 3 are 10 columns apart, 3 and 1 as well; 0 and 1 meet only through 3.
     assert [[areas.index(a) for a in g] for g in groups(areas, 6)] == [[0, 1, 3], [2]]
-
-
-@pytest.mark.battery
-def test_an_area_without_barriers_left_the_same_with_and_without(
-    done: Stopped, tmp_path: Path
-) -> None:
-    own = done.folder / "areas" / "nord"
-    assert (own / "without_barriers.npz").is_file()
-    shutil.copy(own / "simulation.npz", tmp_path)
-    record = replace(area(Part(0, 0, 2, 2), 0).record, sums=digests_of_sums(tmp_path))
-    alone = Reached("nord", record, tmp_path, Part(0, 0, 2, 2))
-    with_them, without = (read_state(alone, without) for without in (False, True))
-    assert with_them.keys() == without.keys()
-    assert all(np.array_equal(with_them[k], without[k]) for k in with_them)
 
 
 def test_what_cannot_be_read_is_no_trouble_with_writing_zones(

@@ -18,7 +18,7 @@ from sassgis.hazard.assess import Assessment, Rules
 from sassgis.inputs.config import load_config
 from sassgis.runs.inputs import read_rules
 from sassgis.runs.resumable_run import Job, Simulation, Workplace, configured, read_job
-from sassgis.runs.run import assessed, prepared, simulations
+from sassgis.runs.run import assessed, prepared, zone_simulation
 from sassgis.settings.hazard_rules import HazardCurves
 from sassgis.settings.map_run import Config
 from sassgis.simulation.workers import OnProgress
@@ -199,7 +199,6 @@ class Zoned:
     job: Job
     rules: Rules
     done: Simulation
-    without: Simulation | None
     found: Assessment
 
     @property
@@ -229,5 +228,5 @@ def zoned(
     rules = read_rules(config, job.run)
     job = prepared(job, rules)
     work.mkdir(parents=True, exist_ok=True)
-    done, without = simulations(job, rules, Workplace(work, jobs, on_progress, say))
-    return Zoned(job, rules, done, without, assessed(rules, done, without))
+    done = zone_simulation(job, rules, Workplace(work, jobs, on_progress, say))
+    return Zoned(job, rules, done, assessed(rules, done))
