@@ -140,7 +140,7 @@ def simulate(
     crs : str, optional
         Coordinate system, where the terrain model states none: "EPSG:2056", or "local".
     rules : str
-        Preset whose energies zones are to be made for: its name, or a TOML file.
+        Preset of the zones, by name or as a TOML file: energies are counted for it.
     ref_width_m : float, optional
         Reference width of hazard curves (m). Without it there are no counts for zones.
     seed : int
@@ -370,7 +370,7 @@ def _zone_frame(own: Rules, grid: Grid, hazard: Hazard, confidence: float) -> gp
 def hazard_maps(
     ds: xr.Dataset, rules: str | PathLike[str] | None = None, *, confidence: float = 0.95
 ) -> xr.Dataset:
-    """Maps of level, intensity, energy and frequency by return period, and how certain they are.
+    """Make maps of level, intensity, energy and frequency by return period, with their certainty.
 
     Parameters and errors are those of ``zones``.
 

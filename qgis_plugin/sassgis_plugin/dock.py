@@ -57,7 +57,7 @@ _FURTHER = (
 
 
 #: The last line of a run; warnings that stand in the report and with the zones.
-_SUMMARY, _ELSEWHERE = re.compile(r"\d+ blocks"), ("Note: ", "Another sample")
+_SUMMARY, _ELSEWHERE = re.compile(r"\d+ blocks"), ("Warning: ", "Note: ")
 
 
 class _Feedback(QgsProcessingFeedback):

@@ -173,7 +173,7 @@ def _report(line: str, feedback: QgsProcessingFeedback) -> bool:
     if line.endswith(" ..."):
         feedback.setProgressText(line)
         return False
-    if line.startswith("Note: "):
+    if line.startswith(("Warning: ", "Note: ")):
         feedback.pushWarning(line)
     elif line:
         feedback.pushInfo(line)

@@ -47,8 +47,8 @@ SUMMARY_NAME = "summary.csv"
 #: Vector files of a folder by their suffix; those that the configuration names do not count.
 VECTOR_SUFFIXES = (".gpkg", ".shp", ".geojson", ".json", ".fgb", ".kml")
 _CHANGED = (
-    "A file that all release areas share has changed while the batch ran: not all of them may have "
-    "been made from the same one. Run the batch again with --overwrite."
+    "A file that all release areas share changed while the batch ran. Areas may come from "
+    "different versions of it. Run the batch again with --overwrite."
 )
 #: Bytes of a process that runs small areas.
 _PROCESS = 800 << 20
@@ -122,7 +122,7 @@ def batch(
     candidates = find_areas(loaded)
     setting, notices = read_setting(loaded, candidates, mosaic_only)
     if loaded.run.ground_uncertainty:
-        notices += ("A batch draws no ground classes: run.ground_uncertainty is for run and zone.",)
+        notices += ("run.ground_uncertainty applies to run and zone. The batch ignores it.",)
     _check_folder(folder)
     memory_bytes = None if memory_gb is None else int(memory_gb * 1e9)
     # A look at one takes a tenth of the time of a run.

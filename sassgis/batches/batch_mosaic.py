@@ -246,7 +246,7 @@ def _write_one_block(
     began = time.perf_counter()
     setting, config = mosaic.setting, mosaic.setting.config
     grid = setting.terrain.read(mosaic.place)
-    # What there is to say of single areas was said when they were run.
+    # Warnings of single areas were given when they were run.
     with collected_notices():
         released = [
             release_area(area_feature(setting, c), c.name, c.release, grid, config.block_names)

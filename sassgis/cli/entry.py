@@ -76,7 +76,7 @@ def dem() -> None:
 
 @click.group(cls=InOrder)
 def preset() -> None:
-    """Rules of hazard levels: write an office's own, check them."""
+    """Rules of hazard levels: copy, edit and check them."""
 
 
 for _command in (
@@ -105,7 +105,7 @@ def run_commands(arguments: list[str] | None = None) -> None:
         logging.getLogger("sassgis.compiled.jit").setLevel(logging.WARNING)
     if threading.current_thread() is threading.main_thread():
         # What a queue or a container sends before it kills, and a terminal that is closed: the
-        # state is saved, workers are ended. Under nohup a command goes on.
+        # state is saved, workers are ended. Under nohup a command continues.
         for number in {*OF_TERMINALS, signal.SIGTERM} - {signal.SIGINT}:
             if signal.getsignal(number) != signal.SIG_IGN:
                 signal.signal(number, signal.default_int_handler)
@@ -126,7 +126,7 @@ def run_commands(arguments: list[str] | None = None) -> None:
 
 
 def _stated(error: Exception) -> tuple[str, int]:
-    """What is said of an error that was not raised on purpose, and the exit code."""
+    """The message and exit code of an unexpected error."""
     # Compiled code that Ctrl-C strikes turns it into a SystemError.
     if any(isinstance(link, KeyboardInterrupt) for link in chain(error)):
         return "stopped by the user", Interrupted.exit_code

@@ -38,7 +38,7 @@ from sassgis.gap.constants import FIT_DRAWS
     *WORKERS,
     click.option(
         "--draws", type=click.IntRange(16, 100_000),
-        help="Parameter sets of each of six rounds; more take longer and settle the result.",
+        help="Parameter sets in each of six rounds; more take longer and give a stabler result.",
     ),
     OVERWRITE,
     short_help="Fit ground classes to observations.",
@@ -49,7 +49,7 @@ def calibrate(
 ) -> None:
     """Fit ground classes to OBSERVATIONS; MORE sites as pairs: CONFIG2 OBS2 ...
 
-    The same command goes on after an interruption.
+    The same command resumes after an interruption.
     """
     from sassgis.report.calibration_report import calibration_warnings, verdict
     from sassgis.runs.calibrate import calibrate as run_calibration
@@ -67,10 +67,10 @@ def calibrate(
 
 @command(
     click.argument("path", type=PATH),
-    click.option("--crs", help="Coordinate system of a .gpkg, as EPSG:2056; best that of the DEM."),
+    click.option("--crs", help="Coordinate system of a .gpkg; preferably that of the DEM."),
     click.option(
         "--site", type=PATH, metavar="CONFIG",
-        help="Simulate which effects 20, 40 and 100 rocks would show there, too; some minutes.",
+        help="Also simulate which effects 20, 40 and 100 rocks would show there (some minutes).",
     ),
     JOBS,
     short_help="Write empty tables of observations.",
@@ -88,18 +88,18 @@ def template(path: Path, crs: str | None, site: Path | None, jobs: int | None) -
         with at_work({"jobs": jobs}) as how:
             power = plan_campaign(path, site, crs=crs, **how)
         printed(power)
-    click.echo(f"Wrote {path}. Leave out what you did not measure.")
+    click.echo(f"Wrote {path}. Delete the columns and tables that you did not measure.")
 
 
 @command(
     click.argument("observations", type=PATH),
-    click.option("--config", type=PATH, help="Read it too, and compare them with its terrain."),
+    click.option("--config", type=PATH, help="Compare them with this terrain and ground."),
     name="validate",
-    short_help="Check observations, and what can be identified.",
+    short_help="Check observations; list what they can identify.",
     example="gap validate observed --config sassgis.toml",
 )
 def validate_observations(observations: Path, config: Path | None) -> None:
-    """Read OBSERVATIONS and say what is wrong with them and what can be identified.
+    """Check OBSERVATIONS; list their faults and what they can identify.
 
     Exit code 1 where something is wrong; a warning leaves it at 0.
     """
@@ -142,7 +142,7 @@ def validate_observations(observations: Path, config: Path | None) -> None:
     JOBS,
     click.option(
         "--draws", type=click.IntRange(8, 1000),
-        help="Parameter sets of each hypothesis; more take longer and separate effects better.",
+        help="Parameter sets per hypothesis; more take longer and separate effects better.",
     ),
     click.option(
         "--ground-range", type=click.FloatRange(0.1, 10.0), default=1.0, show_default=True,
@@ -150,7 +150,7 @@ def validate_observations(observations: Path, config: Path | None) -> None:
         "guesses.",
     ),
     click.option(
-        "--map", "with_map", is_flag=True, help="Run the map with the calibrated model, too."
+        "--map", "with_map", is_flag=True, help="Also run the map with the calibrated model."
     ),
     OVERWRITE,
     short_help="Where simulation and observations differ, and why.",

@@ -42,7 +42,7 @@ class ProgressBar:
         self.close()
 
     def say(self, text: str) -> None:
-        """Say what is done next."""
+        """Announce the next step."""
         self.close()
         _tell(f"{text} ...")
 
@@ -50,7 +50,7 @@ class ProgressBar:
         """Show the progress of a run."""
         now = time.monotonic()
         # The first chunk gives no pace: it waits for the program to be compiled, and in a run that
-        # goes on from a saved state all before it was done another time. Each stage has its own.
+        # resumes from a saved state all before it was done another time. Each stage has a pace.
         if self._began is None or done < self._done:
             self._began = (now, done)
         self._done = done
@@ -87,7 +87,7 @@ def _tell(text: str, nl: bool = True) -> None:
 
 
 def print_json(found: Mapping[str, object]) -> None:
-    """Print one JSON object; what is not finite is null, a path its text."""
+    """Print one JSON object: numbers that are not finite as null, paths as text."""
 
     def plain(value: object) -> object:
         if isinstance(value, Mapping):
@@ -102,7 +102,7 @@ def print_json(found: Mapping[str, object]) -> None:
 
 
 def printed(found: Any, as_json: bool = False, *how: object) -> None:
-    """Print what was found, line by line (``how`` goes to ``lines``) or as one JSON object."""
+    """Print a report, line by line (``how`` goes to ``lines``) or as one JSON object."""
     if as_json:
         print_json(found.as_dict())
     else:
@@ -111,9 +111,14 @@ def printed(found: Any, as_json: bool = False, *how: object) -> None:
 
 
 def notes(texts: Iterable[str]) -> None:
-    """Print warnings beside the result."""
-    for text in texts:
-        click.echo(f"Note: {text.removeprefix('warning: ')}", err=True)
+    """Print first the few warnings of what may make a result wrong, then all other ones."""
+    from sassgis.hazard.warnings import first_warnings
+
+    stated = tuple(texts)
+    first = first_warnings(stated)
+    for kind, said in (("Warning", first), ("Note", [t for t in stated if t not in first])):
+        for text in said:
+            click.echo(f"{kind}: {text.removeprefix('warning: ')}", err=True)
 
 
 def conclude(
@@ -144,7 +149,7 @@ PATH = click.Path(path_type=Path)
 
 
 def several(name: str, dest: str, meaning: str) -> Decorator:
-    """An option that may be given several times; None where it is not given."""
+    """Declare an option that may be given several times; None without it."""
     meaning += "; may be given several times."
     return click.option(
         name, dest, multiple=True, callback=lambda _, __, given: given or None, help=meaning
@@ -155,7 +160,7 @@ OUT = click.option("-o", "--output", "out", required=True, type=PATH, help="Fold
 CONFIG = click.argument("config", type=PATH)
 OVERWRITE = click.option("--overwrite", is_flag=True, help="Overwrite, unless files were edited.")
 # Its limits are those of the setting, in whose place it is checked.
-SEED = click.option("--seed", type=int, help="In place of run.seed of the configuration.")
+SEED = click.option("--seed", type=int, help="Random seed; replaces run.seed of the configuration.")
 FIT_SEED = click.option("--seed", type=click.IntRange(0, 2**31 - 1), default=1, show_default=True)
 AREAS = several("--area", "areas", "Only this release area")
 JOBS = click.option("--jobs", type=click.IntRange(0), help="Processor cores; 0: all.")
@@ -163,23 +168,21 @@ JOBS = click.option("--jobs", type=click.IntRange(0), help="Processor cores; 0: 
 WORKERS = (
     JOBS,
     click.option("--scheduler", metavar="ADDRESS", help="Dask cluster: tcp://node:8786."),
-    click.option("--workers", type=click.IntRange(1), help="Processes of this machine."),
+    click.option("--workers", type=click.IntRange(1), help="Number of processes on this machine."),
 )
 MEMORY = click.option(
     "--memory", "memory_gb", type=click.FloatRange(min=1.0), metavar="GB",
-    help="Memory for all of it: fewer threads, areas or blocks of a mosaic at a time.",
+    help="Memory for the whole run: limits threads, areas and mosaic blocks at a time.",
 )  # fmt: skip
 # Its limits are those of the setting, too.
 GROUND_DRAWS = click.option(
     "--ground-uncertainty", type=int, metavar="N",
-    help="Simulate N draws of the ground classes, too: bands by their spread between sites.",
+    help="Also simulate N draws of the ground classes, for bands of their spread between sites.",
 )  # fmt: skip
-AS_JSON = click.option(
-    "--json", "as_json", is_flag=True, help="Print one JSON object in place of lines."
-)
-DEM_CRS = click.option("--crs", help="Coordinate system, where DEM states none.")
+AS_JSON = click.option("--json", "as_json", is_flag=True, help="Print one JSON object.")
+DEM_CRS = click.option("--crs", help="Coordinate system, if DEM states none.")
 OVERRIDE_CRS = click.option(
-    "--override-crs", is_flag=True, help="Use --crs even though DEM states another, wrong system."
+    "--override-crs", is_flag=True, help="Use --crs although DEM states another (wrong) system."
 )
 OBSERVATIONS = click.option(
     "--observations", required=True, type=PATH, help="A GeoPackage, or a folder of CSV files."
@@ -187,9 +190,9 @@ OBSERVATIONS = click.option(
 
 
 def command(*parameters: Decorator, example: str, **more: Any) -> Callable[[Any], click.Command]:
-    """A command from its arguments and options in order; what is heavy it imports when it runs.
+    """Declare a command with arguments and options in order; heavy imports wait until it runs.
 
-    Options whose names are those of the function that does the work go through as ``given``.
+    Options named like parameters of the working function pass through as ``given``.
     """
 
     def made(function: Any) -> click.Command:
@@ -217,7 +220,7 @@ def settings_as_options() -> Iterator[None]:
 
 @contextmanager
 def at_work(given: Mapping[str, Any]) -> Iterator[dict[str, Any]]:
-    """What is given, with who works (threads, processes or a cluster) and how progress is shown."""
+    """Give the options with the workers (threads, processes or a cluster) and the progress bar."""
     plain = dict(given)
     jobs, scheduler, workers = (plain.pop(key, None) for key in ("jobs", "scheduler", "workers"))
     if sum(asked is not None for asked in (jobs, scheduler, workers)) > 1:

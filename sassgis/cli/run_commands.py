@@ -49,11 +49,11 @@ def demo(out: Path, as_json: bool, **given: Any) -> None:
     click.option("--csv", "csv_file", type=PATH, help="Profile: s_m, z_m, ground."),
     click.option(
         "--point", type=(float, float), metavar="X Y",
-        help="Cut the profile from the terrain, from here.",
+        help="Profile along the fall line from this point of the terrain.",
     ),
     click.option(
         "--line", "line_file", type=PATH,
-        help="Cut it from the terrain under the line of this vector file, drawn downwards.",
+        help="Profile under the line of this vector file, drawn downslope.",
     ),
     click.option("--rocks", type=click.IntRange(1), help="Blocks per block scenario."),
     SEED,
@@ -89,7 +89,7 @@ def run(config: Path, out: Path, as_json: bool, **given: Any) -> None:
 
 
 def _with_draws(config: Path, how: dict[str, Any]) -> Config:
-    """The configuration with what options give in place of its own."""
+    """The configuration with the settings that options replace."""
     from sassgis.inputs.config import load_config
 
     asked = {f"run.{key}": how.pop(key, None) for key in ("seed", "ground_uncertainty")}
@@ -100,7 +100,7 @@ def _with_draws(config: Path, how: dict[str, Any]) -> Config:
 
 
 def _with_spread(summary: str, result: RunResult) -> str:
-    """What a command says at its end, with what the spread of the ground classes does, if known."""
+    """The summary of a run, with the effect of the spread of the ground classes, if known."""
     if result.spread is None:
         return summary
     from sassgis.report.change_report import spread_lines
@@ -110,7 +110,7 @@ def _with_spread(summary: str, result: RunResult) -> str:
 
 
 def _run_facts(result: RunResult) -> dict[str, object]:
-    """What a run says with --json."""
+    """The facts of a run for --json."""
     return {
         "blocks": result.n_blocks,
         "stopping_reasons": {r.name.lower(): count for r, count in result.reasons.items()},
@@ -123,7 +123,7 @@ def _run_facts(result: RunResult) -> dict[str, object]:
     CONFIG, OUT, AREAS, SEED, GROUND_DRAWS,
     click.option(
         "--edits", type=PATH,
-        help="Polygons of levels set by hand, with author, date and reason; in place of [edits].",
+        help="Polygons of levels set by hand, with author, date and reason; replaces [edits].",
     ),
     click.option(
         "--reuse", type=PATH,
@@ -131,11 +131,11 @@ def _run_facts(result: RunResult) -> dict[str, object]:
         "areas whose blocks come near a changed one are simulated again, with as many blocks.",
     ),
     *WORKERS, MEMORY, OVERWRITE, AS_JSON,
-    short_help="Simulate blocks, and make hazard zones; risk.",
+    short_help="Simulate blocks; make hazard zones and risk.",
     example="zone sassgis.toml -o zones",
 )  # fmt: skip
 def zone(config: Path, out: Path, as_json: bool, **given: Any) -> None:
-    """Simulate CONFIG and make hazard zones: all that run writes, levels, intensities, risk."""
+    """Simulate CONFIG and make hazard zones: all results of run, plus levels, intensities, risk."""
     _zoned(config, out, as_json, given)
 
 
@@ -166,14 +166,12 @@ def _zoned(config: Path, out: Path, as_json: bool, given: Mapping[str, Any]) -> 
 
 
 def _edited(edits: Sequence[AppliedEdit]) -> str:
-    """What the last line says of edits by hand; nothing without any."""
+    """Count edits by hand for the last line; empty without any."""
     if not edits:
         return ""
     changed = sum(a.has_changed for a in edits)
-    places, below, they = f"{len(edits)} places", str(changed), "they were"
-    if len(edits) == 1:
-        places, below, they = "one place", "it", "it was"
-    since = f", below {below} another level is computed than when {they} made" * bool(changed)
+    places = "1 place" if len(edits) == 1 else f"{len(edits)} places"
+    since = f"; at {changed} of them the computed level has changed since" * bool(changed)
     return f"Edited by hand: {places}{since}."
 
 
@@ -182,29 +180,30 @@ def _edited(edits: Sequence[AppliedEdit]) -> str:
     OUT,
     click.option(
         "-c", "--config", type=PATH,
-        help="Everything but the release areas; default: the only TOML file beside them.",
+        help="Configuration for all other settings; default: the only TOML file in that folder.",
     ),
     click.option(
-        "--dem", type=PATH, help="In place of terrain.dem: a raster, a VRT, or a folder of tiles."
+        "--dem", type=PATH, help="Raster, VRT or folder of tiles; replaces terrain.dem."
     ),
     SEED,
     *WORKERS,
     click.option(
         "--overwrite", is_flag=True,
-        help="Replace areas of other settings or inputs, or changed ones.",
+        help="Overwrite areas whose settings, inputs or files differ, unless files were edited.",
     ),
     click.option(
-        "--mosaic-only", is_flag=True, help="No maps, zones and report of each area by itself."
+        "--mosaic-only", is_flag=True,
+        help="Write only the mosaic: no maps, zones and report of single areas.",
     ),
     MEMORY,
-    short_help="Zone many release areas, each alone and all on one map.",
+    short_help="Zone many release areas, separately and all on one map.",
     example="batch releases -c sassgis.toml --dem terrain -o batch",
 )  # fmt: skip
 def batch(releases: Path, out: Path, **given: Any) -> None:
-    """Zone each release area of RELEASES alone, and all of them on one map.
+    """Zone each release area of RELEASES separately, and all of them on one map.
 
-    RELEASES is a vector file, a folder of vector files, or a configuration. The same command goes
-    on after an interruption, and runs nothing again that is there.
+    RELEASES is a vector file, a folder of vector files, or a configuration. After an interruption,
+    the same command resumes.
     """
     from sassgis.batches.batch import batch as run_batch
     from sassgis.files.atomic_output import alone
@@ -221,15 +220,15 @@ def batch(releases: Path, out: Path, **given: Any) -> None:
     OUT,
     click.option(
         "--samples", type=click.IntRange(4, 10_000), default=32, show_default=True,
-        help="Simulations that fill all ranges at once.",
+        help="Simulations that vary all ranges together.",
     ),
     click.option(
         "--rocks", type=click.IntRange(2, 1_000_000),
-        help="Blocks of each release point in each simulation; default: a fifth of the configured.",
+        help="Blocks per release point and simulation; default: a fifth of the configured number.",
     ),
     click.option(
         "--ranges", type=PATH,
-        help="Own ranges (CSV: class, parameter, kind, low, high), before the built-in ones.",
+        help="Ranges (CSV: class, parameter, kind, low, high) that replace built-in ones.",
     ),
     AREAS,
     SEED,
@@ -256,7 +255,7 @@ def sensitivity(config: Path, out: Path, **given: Any) -> None:
     example="compare zones_before zones_after -o change",
 )
 def compare(before: Path, after: Path, out: Path, overwrite: bool) -> None:
-    """Say what changes from the result BEFORE to the result AFTER."""
+    """Report the changes from the result BEFORE to the result AFTER."""
     from sassgis.runs.compare import compare as compare_results
 
     change = compare_results(before, after, out, overwrite=overwrite)
@@ -278,10 +277,10 @@ def compare(before: Path, after: Path, out: Path, overwrite: bool) -> None:
     ),
     click.option(
         "--models", type=PATH,
-        help=".xtf: folder with the model's .ili files: ilivalidator checks the file against them.",
+        help=".xtf: folder of the model's .ili files, with which ilivalidator checks the file.",
     ),
-    click.option("--validate", is_flag=True, help=".xtf: do not write without such a check."),
-    click.option("--canton", help=".xtf: code of the canton responsible for the data, as TI."),
+    click.option("--validate", is_flag=True, help=".xtf: write only if this check is possible."),
+    click.option("--canton", help=".xtf: code of the canton responsible for the data, such as TI."),
     OVERWRITE,
     short_help="Write zones or paths as INTERLIS 2, GeoJSON or KML.",
     example="export zones -o zones.xtf --canton TI",
@@ -307,4 +306,4 @@ def export(result: Path, out: Path, layer: str, overwrite: bool, **of_xtf: Any) 
     exported = export_xtf(result, out, overwrite=overwrite, **of_xtf)
     printed(exported)
     if not exported.accepted:
-        raise OutputError(f"{out}: the validator does not accept it; its messages are above")
+        raise OutputError(f"{out}: the validator rejects the file; its messages are above")

@@ -30,7 +30,7 @@ class _Above0(click.FloatRange):
     ) -> float:
         number: float = super().convert(value, param, ctx)
         if not math.isfinite(number):
-            self.fail(f"{value} is no number", param, ctx)
+            self.fail(f"{value} is not a number", param, ctx)
         return number
 
 
@@ -41,7 +41,7 @@ _ABOVE_0 = _Above0(min=0.0, min_open=True)
     click.argument("polygon", type=PATH),
     click.option(
         "-o", "--output", "out", type=PATH,
-        help="Folder for the tiles; without it they are listed only.",
+        help="Folder for the tiles; without it the command only lists them.",
     ),
     click.option(
         "--resolution", type=click.Choice(["0.5", "2"]), default="2", show_default=True,
@@ -50,7 +50,7 @@ _ABOVE_0 = _Above0(min=0.0, min_open=True)
     click.option("--layer", help="Layer of the polygons, where the file has several."),
     click.option("--most", type=click.IntRange(1), default=100, show_default=True, help="Tiles."),
     click.option("--server", help="Address of another STAC interface."),
-    click.option("--collection", help="Another collection of it."),
+    click.option("--collection", help="Another collection of that interface."),
     click.option(
         "--timeout", "timeout_s", type=click.FloatRange(0.1), default=30.0, show_default=True,
         help="Longest wait for an answer (s).",
@@ -87,11 +87,11 @@ def fetch(
     DEM_CRS,
     OVERRIDE_CRS,
     AS_JSON,
-    click.option("-o", "--output", "out", type=PATH, help="GeoPackage: cells that need a look."),
-    click.option("--html", type=PATH, help="Write the page as HTML too."),
+    click.option("-o", "--output", "out", type=PATH, help="GeoPackage of the flagged cells."),
+    click.option("--html", type=PATH, help="Also write the page as HTML."),
     OVERWRITE,
     name="check",
-    short_help="Judge a terrain model, on one page.",
+    short_help="Check a terrain model; the result is one page.",
     example="dem check terrain/terrain.vrt",
 )
 def check_terrain(
@@ -102,7 +102,7 @@ def check_terrain(
     overwrite: bool,
     **given: Any,
 ) -> None:
-    """Judge the terrain model DEM, a raster or a folder of tiles: a verdict for each item."""
+    """Check the terrain model DEM, a raster or a folder of tiles: a verdict for each item."""
     from sassgis.runs.dem_check import check_dem, write_dem_cells, write_dem_page
 
     report = check_dem(dem, **given)
@@ -123,16 +123,16 @@ def check_terrain(
     OVERRIDE_CRS,
     click.option(
         "--ground", type=PATH,
-        help="Polygons of ground classes: mapped rock counts from a gentler slope on.",
+        help="Polygons of ground classes; mapped rock counts from a gentler slope.",
     ),
     click.option("--layer", help="Layer of the ground polygons, where the file has several."),
     click.option(
         "--class-field", default="class", show_default=True, help="Attribute with the class."
     ),
-    click.option("--rock", default="rock", show_default=True, help="Ground class that is rock."),
+    click.option("--rock", default="rock", show_default=True, help="Name of the class of rock."),
     click.option(
         "--threshold", "threshold_deg", type=click.FloatRange(1.0, 89.0),
-        help="Slope of cliffs (degrees); default: from which cliffs prevail.",
+        help="Least slope of cliffs (degrees); default: from the distribution of slopes.",
     ),
     click.option(
         "--min-area", "min_area_m2", type=click.FloatRange(0.0), default=50.0, show_default=True,
@@ -168,8 +168,8 @@ def sample(folder: Path) -> None:
 
 @command(
     click.argument("file", type=PATH),
-    click.option("--crs", help="Projected system in metres, as EPSG:2056; default: that of --dem."),
-    click.option("--dem", type=PATH, help="Terrain model to draw over."),
+    click.option("--crs", help="Projected system, such as EPSG:2056; default: that of --dem."),
+    click.option("--dem", type=PATH, help="Terrain model as background."),
     OVERRIDE_CRS,
     OVERWRITE,
     short_help="Write empty layers and a QGIS project to draw a site in.",
@@ -189,19 +189,19 @@ def new(file: Path, **given: Any) -> None:
     click.option("--dem", type=PATH, help="Terrain model: raster or folder."),
     click.option(
         "--release", type=PATH,
-        help="Release areas; or a GeoPackage of `sassgis new`, whose drawn layers are all used.",
+        help="Release areas, or a GeoPackage of `sassgis new` with all its drawn layers.",
     ),
     click.option(
         "--set", "settings", multiple=True, metavar="KEY=VALUE",
-        help="Set a key, as release.spacing_m=5; may be given several times.",
+        help="Set a key, such as release.spacing_m=5; may be given several times.",
     ),
     click.option(
         "--rockyfor3d", "folder", type=PATH,
-        help="Folder of inputs of Rockyfor3D, in place of --dem and --release.",
+        help="Folder of inputs of Rockyfor3D; replaces --dem and --release.",
     ),
     click.option("--all", "every", is_flag=True, help="Every key, with its meaning and default."),
     click.option("--overwrite", is_flag=True, help="Overwrite, unless the file was edited."),
-    short_help="Write a configuration: the lines that every site decides.",
+    short_help="Write a configuration with the settings that every site needs.",
     example="init --dem terrain/terrain.vrt --release site.gpkg",
 )  # fmt: skip
 def init(
@@ -213,7 +213,7 @@ def init(
     every: bool,
     overwrite: bool,
 ) -> None:
-    """Write a configuration to FILE (default: sassgis.toml): the lines that every site decides."""
+    """Write a configuration to FILE (default: sassgis.toml): settings that every site needs."""
     if folder is not None:
         if dem or release or every:
             raise click.UsageError("--rockyfor3d takes no --dem, --release and --all")
@@ -239,7 +239,7 @@ def init(
 
 
 def _from_rockyfor3d(file: Path, folder: Path, settings: tuple[str, ...], overwrite: bool) -> None:
-    """Write what a folder of Rockyfor3D becomes, and what has no counterpart."""
+    """Convert a folder of Rockyfor3D; list the inputs without a counterpart."""
     from sassgis.outputs.site_template import write_rockyfor3d_site
 
     files, noticed_files = write_rockyfor3d_site(file, folder, settings, overwrite)
@@ -250,7 +250,7 @@ def _from_rockyfor3d(file: Path, folder: Path, settings: tuple[str, ...], overwr
 @command(
     click.argument("file", type=PATH, default="sassgis.schema.json"),
     OVERWRITE,
-    short_help="Write the JSON Schema with which editors complete keys.",
+    short_help="Write the JSON Schema that lets editors complete keys.",
     example="schema",
 )
 def schema(file: Path, overwrite: bool) -> None:
@@ -266,16 +266,14 @@ def schema(file: Path, overwrite: bool) -> None:
 
 @command(
     click.argument("file", type=PATH),
-    click.option(
-        "--like", default="ch-so", show_default=True, help="Built-in preset to begin with."
-    ),
+    click.option("--like", default="ch-so", show_default=True, help="Built-in preset to copy."),
     OVERWRITE,
     name="new",
-    short_help="Write rules to change: those of a built-in preset.",
+    short_help="Copy the rules of a built-in preset into a file to edit.",
     example="preset new office.toml",
 )
 def write_preset(file: Path, like: str, overwrite: bool) -> None:
-    """Write the rules of a built-in preset to FILE, to be changed (docs/presets.md)."""
+    """Copy the rules of a built-in preset into FILE, to be edited (docs/presets.md)."""
     from sassgis.runs.preset_check import new_preset
 
     new_preset(file, like, overwrite)
@@ -284,7 +282,7 @@ def write_preset(file: Path, like: str, overwrite: bool) -> None:
 
 @command(
     click.argument("preset"),
-    click.option("-o", "--output", "out", type=PATH, help="PNG: the matrix, and what it computes."),
+    click.option("-o", "--output", "out", type=PATH, help="PNG of matrix and computed levels."),
     AS_JSON,
     OVERWRITE,
     name="check",
@@ -307,7 +305,7 @@ def check_rules(preset: str, out: Path | None, as_json: bool, overwrite: bool) -
     click.argument("blocks", type=PATH),
     click.option(
         "--complete-from", type=_ABOVE_0, required=True, metavar="M3",
-        help="Volume from which on no block was missed.",
+        help="Volume above which every block was recorded.",
     ),
     click.option(
         "--up-to", type=_ABOVE_0, metavar="M3", help="Largest possible volume; default: none."
@@ -315,11 +313,11 @@ def check_rules(preset: str, out: Path | None, as_json: bool, overwrite: bool) -
     click.option("--scenarios", default="", metavar="M3,M3,...", help="Limits of the scenarios."),
     click.option("--years", type=_ABOVE_0, help="Years in which the blocks were released."),
     click.option(
-        "--rate", type=_ABOVE_0, help="Blocks a year from that volume on, in place of --years."
+        "--rate", type=_ABOVE_0, help="Blocks a year above that volume; replaces --years."
     ),
-    click.option("--area-ha", type=_ABOVE_0, help="Release area of all of them (ha)."),
+    click.option("--area-ha", type=_ABOVE_0, help="Total release area (ha)."),
     click.option(
-        "--length-m", type=_ABOVE_0, help="Length of the release line, in place of it (m)."
+        "--length-m", type=_ABOVE_0, help="Length of the release line (m); replaces --area-ha."
     ),
     AS_JSON,
     short_help="Onset frequencies of scenarios from block volumes.",
@@ -346,12 +344,17 @@ def frequency(blocks: Path, scenarios: str, as_json: bool, **given: Any) -> None
 @command(
     CONFIG,
     AS_JSON,
-    click.option("--all", "every", is_flag=True, help="Every release area; sources of the ground."),
-    short_help="Read all inputs; say what they are ready for.",
+    click.option(
+        "--all",
+        "every",
+        is_flag=True,
+        help="List every release area and sources of the ground.",
+    ),
+    short_help="Check all inputs; list the commands that can run.",
     example="validate sassgis.toml",
 )
 def validate(config: Path, as_json: bool, every: bool) -> None:
-    """Check CONFIG and every file that it names; say what they are ready for and what it takes."""
+    """Check CONFIG and its files; list the commands that can run, with their time and memory."""
     from sassgis.inputs.config import load_config
     from sassgis.runs.check_inputs import check_inputs
 

@@ -253,7 +253,7 @@ def _check_target(target: Path, overwrite: bool, parts: Sequence[str] = ()) -> N
 
 
 def _own_files(folder: Path, shown: Path, parts: Sequence[str]) -> list[Path]:
-    """List the files of a result; OutputError for the first that no run has written as it is."""
+    """List the files of a result; OutputError for the first that no run wrote in this state."""
     listed = _listed(folder)
     if listed is None:
         raise OutputError(
@@ -356,7 +356,7 @@ def _is_saved(name: str) -> bool:
 
 
 def _clear(work: Path, keep_saved: bool = True) -> None:
-    """Delete what is half written, and keep marker and saved states; or delete only these."""
+    """Delete unfinished files, and keep marker and saved states; or delete only these."""
     with suppress(OSError):
         for entry in list(work.iterdir()):
             if (entry.name == MARKER_NAME or _is_saved(entry.name)) == keep_saved:

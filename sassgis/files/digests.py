@@ -57,7 +57,7 @@ def json_digest(plain: object) -> str:
 def program_digest() -> str:
     """Return SHA-256 of the package, code and data, and of the libraries that it computes with.
 
-    What is kept from an earlier run may have been made by another program.
+    Data kept from an earlier run may come from another program.
     """
     root = Path(sassgis.__file__).parent
     total = hashlib.sha256(repr([(name, version(name)) for name in _LIBRARIES]).encode())

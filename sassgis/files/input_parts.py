@@ -94,7 +94,7 @@ def stamps_of(given: Path) -> tuple[Stamp, ...]:
 
 
 def _beside(file: Path, listed: frozenset[str] | None = None) -> list[Path]:
-    """Return files next to a file that give it meaning, as they are there, with those next to them.
+    """Return existing files next to a file that give it meaning, with those next to them.
 
     ``listed`` are the names in its folder, where they are known: a large mosaic asks for many.
     """

@@ -45,7 +45,7 @@ def seen_from(folder: Path, file: Path) -> str:
 def check_file(file: Input, field: str | None, expected: str, folders: bool = False) -> None:
     """Raise InputError unless a path leads to a file, or to a folder where that is as good.
 
-    A pipe or a device could be read for ever. What is in memory is looked at by its reader.
+    A pipe or a device could be read for ever. The readers check inputs in memory.
     """
     wrong = partial(InputError, file=file, field=field)
     if isinstance(file, InMemory):
@@ -138,7 +138,7 @@ def _too_deep(file: str | Input, field: str | None) -> InputError:
 
 
 def check_text(text: object, file: str | Input, field: str, where: str = "") -> None:
-    """Raise InputError for a text that no map sheet can show; what is no text passes."""
+    """Raise InputError for a text that no map sheet can show; other values pass."""
     wrong = partial(InputError, file=file, field=field)
     if not isinstance(text, str):
         return

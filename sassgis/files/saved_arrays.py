@@ -1,4 +1,4 @@
-"""Saved state from which a run goes on after an interruption: as it was saved, or not used.
+"""Saved state from which a run resumes after an interruption; a damaged one is not used.
 
 A file is a NumPy archive (npz). The comment at its end holds the fingerprint of what it belongs to,
 and a digest of its name and of all bytes before. That finds damage and changes by hand; it is no

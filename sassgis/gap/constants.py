@@ -213,13 +213,13 @@ SOFT_LOSS = 0.05  # share of the energy before a contact that is within the erro
 
 # --- causes: fragmentation and entrainment ---------------------------------------------------
 
-#: Least error of a mass, share of the released mass below which nothing is said, and draws.
+#: Least error of a mass, share of the released mass that is too small to test, and draws.
 LEAST_MASS_ERROR, LEAST_MASS_SHARE, MASS_DRAWS = 0.02, 0.004, 200
 CHIP_SHARE = 0.01  # of the median rock, up to which a block is a chip, which says nothing
 MISNAMED_CHANCE = 0.005  # that a block bears the name of a rock as its fragment and is none
 #: Share of the rocks that a survey may miss, and whole rocks that show the scatter of masses.
 FEW_LOST_SHARE, KNOWN_ROCKS = 0.1, 10
-#: Share of the rocks that nobody found which must lie in fragments, for these to be theirs.
+#: Share of the missing rocks that must lie in fragments, for these to be theirs.
 COMPENSATED_SHARE = 0.75
 
 # --- causes: errors of measurement -----------------------------------------------------------

@@ -79,7 +79,7 @@ class Verdict:
 
     @property
     def ranked(self) -> Mapping[str, float]:
-        """Probabilities, most likely first, as they are shown.
+        """Probabilities, most likely first, for display.
 
         "unknown" has those of the causes that these data cannot show; where the contact follows
         another law, "none" is that law.
@@ -299,7 +299,7 @@ class Diagnosis:
     effect: HypothesisModel  # the model that is handed over
     settings_hash: str
     seed: int
-    warnings: tuple[str, ...] = ()  # what in the configuration or the observations deserves a look
+    warnings: tuple[str, ...] = ()  # what to check in the configuration or the observations
     fingerprints: tuple[Fingerprint, ...] = ()  # the surest first; those that cannot be seen last
     gains: tuple[CauseGain, ...] = ()  # the surest first
     ladder: tuple[Rung, ...] = ()

@@ -1,4 +1,4 @@
-"""Names of effects, quantities and places as a reader knows them."""
+"""Names of effects, quantities and places, for readers."""
 
 from __future__ import annotations
 
@@ -42,18 +42,18 @@ QUANTITY_NAMES: Mapping[str, str] = {
     "between_contacts": "time between contacts",
     "hop_length_90": "length of hops, 90 %",
     "hop_height_90": "height of hops, 90 %",
-    "rim_ratio": "surface speed over speed",
+    "rim_ratio": "ratio of surface speed to speed",
     "hop_time_s": "time of hops",
     "stops_per_rock": "stopped blocks per rock",
-    "largest_share": "share of the largest piece",
+    "largest_share": "share of the largest fragment",
     "arrived": "share of rocks that arrive",
-    "tangential_speed_mps": "speed along the ground after the impact",
-    "normal_speed_mps": "speed off the ground after the impact",
-    "spin_ratio": "surface speed over speed after the impact",
+    "tangential_speed_mps": "tangential speed after the impact",
+    "normal_speed_mps": "normal speed after the impact",
+    "spin_ratio": "ratio of surface speed to speed after the impact",
     "rebound_angle_deg": "angle of the rebound",
     "vertical_acceleration_mps2": "vertical acceleration in flight",
     "horizontal_acceleration_mps2": "horizontal acceleration in flight",
-    "speed_change_mps": "speed gained in flight without gravity",
+    "speed_change_mps": "speed change in flight without gravity",
     "acceleration_mps2": "acceleration on the ground",
 }
 _UNIT_ENDS = (
@@ -74,7 +74,7 @@ RUNG_NAMES: Mapping[str, str] = {
     "configured": "the configured ground",
     "ground": "calibrated ground",
     "contact_law": EFFECT_NAMES["contact_law"],
-    "floor": "chance alone",
+    "floor": "chance",
 }
 
 
@@ -96,7 +96,7 @@ def rung_name(rung: str) -> Phrase:
 
 
 def file_has(rung: str) -> Phrase:
-    """Describe the configuration of a model of the ladder: no errors of the data."""
+    """Describe the configuration of a model of the ladder, without errors of the data."""
     moving = [own for own in rung.split("+") if own not in CAUSES or not CAUSES[own].of_data]
     if moving:
         return rung_name("+".join(moving))
@@ -112,7 +112,7 @@ def effect_phrase(effect: str) -> Phrase:
 
 
 def closed_percent(share: float) -> float:
-    """Return closed share of a gap, in per cent: nearer than chance leaves models is no nearer."""
+    """Return the closed share of a gap in per cent, at most 100 (the distance of chance)."""
     return 100.0 * min(share, 1.0)
 
 

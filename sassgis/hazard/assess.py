@@ -136,7 +136,7 @@ class ZoneFacts:
     uncertain: FloatArray
     # Mean distance (m) between the outer limit and that of another sample of as many blocks.
     moves_m: FloatArray
-    # Lines where it ends at the edge of the known terrain, beyond which it goes on; may be empty.
+    # Lines where it ends at the edge of the known terrain and continues beyond; may be empty.
     open_limit: NDArray[np.object_]
     # Shape (n_zones, n_sources); of each source in the rate that makes the level; NaN in zones
     # without a reached cell.
@@ -146,7 +146,7 @@ class ZoneFacts:
 
     @property
     def open_m(self) -> FloatArray:
-        """Length of what is open of each zone (m), shape (n_zones,)."""
+        """Length of the open limit of each zone (m), shape (n_zones,)."""
         length: FloatArray = shapely.length(self.open_limit)
         return length
 

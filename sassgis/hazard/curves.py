@@ -48,7 +48,7 @@ def _drawn_points(source: Source, counts: SourceCounts) -> DrawnPoints | None:
     if not source.random_points:
         return None
     each = blocks_of_a_point(counts.count, counts.square)
-    # Of energies that no block has as much is said as of the last that one has.
+    # Energies above the largest of a block have the counts of the last one reached.
     last = np.maximum((counts.count > 0).sum(axis=1) - 1, 0)
     each = np.where(counts.count > 0, each, np.take_along_axis(each, last[:, None], 1))
     return DrawnPoints(source.rate_per_rock * each, np.full(each.shape, source.freedom))

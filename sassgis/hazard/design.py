@@ -39,7 +39,7 @@ class Arrivals:
         """Return curves between which this one lies, given the sample."""
         ends = (end.sum(axis=0) for end in rate_interval(self.curves, confidence))
         low, high = (replace(self, rate=np.minimum.accumulate(rate)) for rate in ends)
-        # Of what is beyond the largest value nothing was seen.
+        # No block exceeded the largest value.
         return low, replace(high, largest=float("inf"))
 
 
@@ -158,7 +158,7 @@ def measured_at(volume_m3: float) -> dict[str, float]:
 
 
 def size_warnings(blocks: tuple[BlockPopulation, ...]) -> list[str]:
-    """Return scenarios with blocks larger than any whose motion was measured."""
+    """Warn of scenarios with blocks larger than any whose motion was measured."""
     known = measured_motion()[-2]["volume_to_m3"]
     beyond = [f"{own.name} ({short(own.volume_limits_m3[1])} m³)" for own in blocks
               if own.volume_limits_m3[1] > known]  # fmt: skip
@@ -188,8 +188,9 @@ def motion_warnings(
         if share >= _LEAST_SHARE:
             out.append(
                 phrase(
-                    "On {} % of the reached area, the 95 % {} exceed {} {}, the largest measured "
-                    "for blocks of this size. They reach {} {}, {} % more.",
+                    "On {} % of the reached area, 95 % {} exceed {} {}, the largest value "
+                    "measured on blocks of this size. They reach {} {} ({} % more). Check the "
+                    "ground classes.",
                     f"{100.0 * share:.0f}", phrase(words), short(limit), unit,
                     short(float(values.max())), unit,
                     f"{100.0 * (float(values.max()) / limit - 1.0):.0f}",
@@ -201,8 +202,8 @@ def motion_warnings(
 def words_at_line(sampled: Sequence[Sampled], line: int) -> str:
     """State how far 95 % values at a station or barrier exceed measurements; else empty.
 
-    The size is that of the mass of which 95 % are below, at the density of a block of which nothing
-    is said.
+    The size is that of the 95 % quantile of the mass, at the default density of a
+    block.
     """
     curves = {name: arrivals(sampled, line, name) for name, _, _ in _COMPARED}
     mass = _q95(arrivals(sampled, line, "mass_kg"))
@@ -212,7 +213,7 @@ def words_at_line(sampled: Sequence[Sampled], line: int) -> str:
         value, limit = _q95(curves[name]), known[name]
         if value > limit:
             over = f"{100.0 * (value / limit - 1.0):.0f}"
-            text = "{} {} {}, {} % above the largest measured"
+            text = "{} {} {}, {} % above the largest measured value"
             found.append(phrase(text, phrase(words), short(value), unit, over))
     return joined("; ", found)
 

@@ -371,7 +371,7 @@ def _share(part: float, whole: float) -> float:
 
 
 def object_rows(table: RiskTable) -> list[dict[str, object]]:
-    """Return a row per object: what it is, and every quantity with its standard error."""
+    """Return a row per object: its kind, and every quantity with its standard error."""
     sums = {q: table.of_object(q) for q in table.values}
     errors = {q: table.standard_error(q) for q in table.values}
     one_rock = table.one_rock

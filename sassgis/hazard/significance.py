@@ -1,6 +1,6 @@
 """Whether frequencies or shares of two samples of blocks differ by more than sampling explains.
 
-In a file of its own, as only a comparison needs it: scipy.stats takes a fifth of a start.
+A separate file, because only a comparison needs scipy.stats, a fifth of the start time.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from sassgis.simulation.map_sums import pooled_freedom
 
 #: From this many blocks on in both samples the difference is taken as normal.
 _MANY = 30.0
-#: Of the places that are found to differ, those that may be by chance.
+#: False discovery rate: share of the significant places that may be chance.
 _FALSE_SHARE = 0.05
 
 

@@ -19,18 +19,38 @@ from sassgis.hazard.zoning.applied_edits import AppliedEdit, shares_text
 from sassgis.settings.blocks import EffectSettings
 from sassgis.settings.ground import GroundClass, Trust
 from sassgis.settings.hazard_rules import BlockBudget, HazardPreset
-from sassgis.settings.languages import Phrase, joined, phrase
+from sassgis.settings.languages import Phrase, counted, joined, like_phrase, phrase
 from sassgis.settings.map_run import MapRun
 from sassgis.settings.results import STOP_TEXT, LineEnd, ReleasePoints, StopReason, short, thousands
 from sassgis.simulation.accumulators import Progress, line_ends
 from sassgis.simulation.path_sample import ProfileResult
 from sassgis.terrain.release import points_by_size
 
+#: Warnings by the end of one fall line, and of several.
 _LINE_ENDS = (
-    (LineEnd.LEFT_DEM, "{} of {} fall lines reach the edge of the terrain model."),
-    (LineEnd.NODATA, "{} of {} fall lines run into nodata."),
-    (LineEnd.MAX_LENGTH, "{} of {} fall lines are cut at terrain.max_line_length_m."),
-    (LineEnd.CLOSED_LOOP, "{} of {} fall lines close upon themselves."),
+    (
+        LineEnd.LEFT_DEM,
+        "{} of {} fall lines reaches the edge of the terrain model. Extend it where blocks may go "
+        "farther.",
+        "{} of {} fall lines reach the edge of the terrain model. Extend it where blocks may go "
+        "farther.",
+    ),
+    (
+        LineEnd.NODATA,
+        "{} of {} fall lines runs into cells without height. Fill these cells.",
+        "{} of {} fall lines run into cells without height. Fill these cells.",
+    ),
+    (
+        LineEnd.MAX_LENGTH,
+        "{} of {} fall lines ends at terrain.max_line_length_m. Raise it if blocks may come so "
+        "far.",
+        "{} of {} fall lines end at terrain.max_line_length_m. Raise it if blocks may come so far.",
+    ),
+    (
+        LineEnd.CLOSED_LOOP,
+        "{} of {} fall lines forms a closed loop. Check the terrain there for pits.",
+        "{} of {} fall lines form closed loops. Check the terrain there for pits.",
+    ),
 )
 _TRUST_WARNINGS: tuple[tuple[Trust, str], ...] = (
     ("estimate", "Estimated ground classes (share of the ground): {}."),
@@ -38,28 +58,27 @@ _TRUST_WARNINGS: tuple[tuple[Trust, str], ...] = (
 )
 #: Points and size of a release area differ by more than this factor, and by so many points.
 _UNEVEN, _FEW_POINTS = 2.0, 2
-#: What is said of one block that ends so, and of several.
+#: Warnings by the stopping reason of one block, and of several.
 _STOPS = (
     (
         StopReason.LEFT_PROFILE,
-        "{} left the terrain model or its fall line while still moving. It is missing from the "
-        "map.",
-        "{} left the terrain model or their fall line while still moving. They are missing from "
-        "the map.",
+        "{} left the terrain model or its fall line while still moving. The map ends where it "
+        "left. Extend the terrain model.",
+        "{} left the terrain model or their fall line while still moving. The map ends where "
+        "they left. Extend the terrain model.",
     ),
     (
         StopReason.STEP_LIMIT,
-        "{} was aborted (engine.max_events contacts reached, or below the ground).",
-        "{} were aborted (engine.max_events contacts reached, or below the ground).",
+        "{} was aborted: it reached engine.max_events contacts or sank below the ground.",
+        "{} were aborted: they reached engine.max_events contacts or sank below the ground. If "
+        "they are many, raise engine.max_events.",
     ),
     (
         StopReason.NEVER_STARTED,
-        "{} never started, because the slope at its release point is too gentle for the friction "
-        "there. Reach probability and frequencies do not count it. Give blocks an initial speed "
-        "to start them.",
-        "{} never started, because the slope at their release point is too gentle for the "
-        "friction there. Reach probability and frequencies do not count them. Give blocks an "
-        "initial speed to start them.",
+        "{} never started: at its release point the slope is too gentle for the friction. Reach "
+        "probability and frequencies do not count it. Give the blocks an initial speed.",
+        "{} never started: at their release points the slope is too gentle for the friction. "
+        "Reach probability and frequencies do not count them. Give the blocks an initial speed.",
     ),
 )
 #: Below this share of all blocks their number is stated in place of the share.
@@ -70,11 +89,18 @@ class SetUp(Phrase):
     """A warning that describes the set-up: what was put in, and not a map that may be wrong."""
 
 
+#: Warnings at the top of a page.
+_FIRST = 5
+
+
+def first_warnings(warnings: Sequence[str]) -> tuple[str, ...]:
+    """Choose the few warnings for the top of a page: about what may make a result wrong."""
+    return tuple(text for text in warnings if not isinstance(text, SetUp))[:_FIRST]
+
+
 def _set_up(text: str, *parts: object) -> SetUp:
-    own = phrase(text, *parts)
-    made = SetUp(own)
-    made.key, made.parts, made.named = own.key, own.parts, own.named
-    return made
+    plain = phrase(text, *parts)
+    return like_phrase(SetUp(plain), plain)
 
 
 def _some_blocks(n: int, total: int) -> Phrase:
@@ -84,9 +110,7 @@ def _some_blocks(n: int, total: int) -> Phrase:
     all_blocks = thousands(total)
     if total >= 1_000_000:
         all_blocks = phrase("{} million", f"{total / 1e6:.2g}")
-    if n == 1:
-        return phrase("1 block of {}", all_blocks)
-    return phrase("{} of {} blocks", n, all_blocks)
+    return counted(n, "{} block of {}", "{} of {} blocks", n, all_blocks)
 
 
 def ground_shares(run: MapRun, cells: IntArray) -> list[tuple[GroundClass, float]]:
@@ -110,13 +134,16 @@ def ground_warnings(used: Sequence[tuple[GroundClass, float]]) -> list[str]:
             out.append(_set_up(text, names))
     assumed = [f"{c.name} {c.d_star_m:g} m" for c, _ in used if c.trust == "paper" and c.d_star_m]
     if assumed:
-        text = "Diameter of blocks on the ground taken from the table: {}. Measure it on the site."
+        text = (
+            "Diameter of blocks lying on the ground, from the class table: {}. Measure it on the "
+            "site."
+        )
         out.append(_set_up(text, ", ".join(assumed)))
     return out
 
 
 def path_warnings(path: str) -> list[str]:
-    """State what paths of this kind leave out."""
+    """Warn of the limits of paths of this kind."""
     if path == "followed":
         return []
     return [
@@ -160,31 +187,33 @@ def release_warnings(run: MapRun, points: ReleasePoints) -> list[str]:
 def idle_areas(areas: Iterable[str]) -> list[str]:
     """Warn that no block starts in some release areas; nothing without any."""
     text = (
-        "No block starts in these release areas, because no release point has a height and a "
-        "descent: {}. The maps do not contain their onset frequency."
+        "No block starts in these release areas, because no release point lies on a slope with "
+        "known heights: {}. The maps lack their onset frequency. Check these areas."
     )
     names = ", ".join(areas)
     return [phrase(text, names)] if names else []
 
 
 def simulation_warnings(run: MapRun, progress: Progress) -> list[str]:
-    """Warn of what happened to blocks and lines, and of what the inputs leave open."""
+    """Warn of lost blocks and lines, and of uncertain inputs."""
     total = max(int(progress.reasons.sum()), 1)
     started = max(total - int(progress.reasons[StopReason.NEVER_STARTED]), 1)
     out: list[str] = []
     ends = line_ends(progress)
-    for end, what in _LINE_ENDS:
+    for end, one, several in _LINE_ENDS:
         if ends[end] and not run.followed:
-            out.append(phrase(what, ends[end], sum(ends.values())))
+            out.append(counted(ends[end], one, several, ends[end], sum(ends.values())))
     for reason, one, several in _STOPS:
         if n := int(progress.reasons[reason]):
             of = total if reason == StopReason.NEVER_STARTED else started
-            text = one if n == 1 and n < _FEW * of else several
-            out.append(phrase(text, _some_blocks(n, of)))
+            # A share is one of several blocks.
+            named = n if n < _FEW * of else of
+            out.append(counted(named, one, several, _some_blocks(n, of)))
     if progress.lost:
         text = (
-            "Blocks not simulated, as their release points lie on nodata or at the edge of the "
-            "terrain model: {}. The reach probability does not count them."
+            "Blocks not simulated, because their release points lie on cells without height or "
+            "at the edge of the terrain model: {}. The reach probability does not count them. "
+            "Extend the terrain model."
         )
         out.append(phrase(text, progress.lost))
     sources = {area for area, _ in progress.sources}
@@ -204,29 +233,29 @@ def simulation_warnings(run: MapRun, progress: Progress) -> list[str]:
 
 
 def rule_warnings(preset: HazardPreset, frequencies: Mapping[tuple[str, str], float]) -> list[str]:
-    """Warn of what a zoning's rules leave open, with blocks per year by area and scenario."""
+    """Warn of unverified rules and of sources with a frequency (blocks per year) of zero."""
     out: list[str] = [_set_up(text) for text in preset_unverified(preset)]
     idle = [f"{area} / {scenario}" for (area, scenario), n in frequencies.items() if n == 0.0]
     if idle:
-        out.append(phrase("Onset frequency 0, no hazard: {}.", ", ".join(idle)))
+        out.append(phrase("Onset frequency 0: {}. These sources add no hazard.", ", ".join(idle)))
     return out
 
 
 def sample_words(chances: LevelChances, preset: HazardPreset) -> str:
-    """State what another sample would change, in one sentence for command, report and sheets."""
+    """State the change with another random seed, in one sentence for command, report and sheets."""
     shares = zip(preset.levels, chances.changed_by_level.tolist(), strict=True)
     levels = [
         phrase("{} {} %", phrase(level.label), f"{100 * share:.1f}")
         for level, share in shares if not math.isnan(share)
     ][::-1]  # fmt: skip
-    text = "With another random seed, {} % of the zoned area changes level; of each level: {}."
+    text = "With another random seed, {} % of the zoned area changes level; by level: {}."
     return phrase(text, f"{100 * chances.changed_share:.1f}", joined(", ", levels))
 
 
 def edge_words(run: MapRun, progress: Progress, open_m: float) -> str:
     """State that blocks were lost at the edge of the terrain; empty without any.
 
-    ``open_m`` is the length over which zones go on there (m).
+    ``open_m`` is the length over which zones continue there (m).
     """
     # On fall lines blocks are lost at the ends of these, too.
     if not run.followed or not progress.lost_share:
@@ -235,8 +264,8 @@ def edge_words(run: MapRun, progress: Progress, open_m: float) -> str:
     if open_m <= 0.0:
         return phrase("{} % of the blocks left the terrain model. No zone ends at its edge.", lost)
     text = (
-        "{} % of the blocks left the terrain model. Zones continue beyond its edge over {} m, "
-        "where nothing was computed."
+        "{} % of the blocks left the terrain model. Along {} m of its edge zones continue beyond "
+        "it, where nothing was computed. Extend the terrain model."
     )
     return phrase(text, lost, f"{open_m:.0f}")
 
@@ -244,13 +273,13 @@ def edge_words(run: MapRun, progress: Progress, open_m: float) -> str:
 def zone_warnings(
     chances: LevelChances, preset: HazardPreset, budget: BlockBudget | None
 ) -> list[str]:
-    """Warn of what a zoning has not settled within its budget."""
+    """Warn of a zoning that stopped before its levels were certain enough."""
     if budget is None or chances.target_share <= budget.changed_share:
         return []
     text = (
-        "{} The limit hazard.changed_share_max for this area and for the mean of the levels is "
-        "{} %. The run stopped at hazard.blocks_max or hazard.minutes_max before it reached this "
-        "limit."
+        "{} The run stopped at hazard.blocks_max or hazard.minutes_max, before it reached the "
+        "limit of {} % for this area and for the mean of the levels (hazard.changed_share_max). "
+        "Raise blocks_max or minutes_max."
     )
     return [phrase(text, sample_words(chances, preset), f"{100 * budget.changed_share:g}")]
 
@@ -260,21 +289,17 @@ def edit_lines(applied: Sequence[AppliedEdit]) -> list[str]:
     if not applied:
         return []
     authors = ", ".join(dict.fromkeys(a.edit.author for a in applied))
-    if len(applied) == 1:
-        text = (
-            "Hazard zones edited by hand at one place ({}). Intensities and risk are as computed."
-        )
-        return [phrase(text, authors)]
-    text = "Hazard zones edited by hand at {} places ({}). Intensities and risk are as computed."
-    return [phrase(text, len(applied), authors)]
+    one = "Hazard zones edited by hand at {} place ({}). Intensities and risk are as computed."
+    more = "Hazard zones edited by hand at {} places ({}). Intensities and risk are as computed."
+    return [counted(len(applied), one, more, len(applied), authors)]
 
 
 def edit_warnings(applied: Sequence[AppliedEdit]) -> list[str]:
     """Return edits below which another level is computed than when they were made."""
     return [
         phrase(
-            "Under an edit ({}), the computed level has changed on {} % of its area. Before: {}. "
-            "Now: {}.",
+            "Since an edit by hand ({}), the computed level has changed on {} % of its area. "
+            "Before: {}. Now: {}. Review the edit.",
             a.edit.words,
             f"{100 * a.changed:.0f}",
             shares_text(a.then),
@@ -286,7 +311,7 @@ def edit_warnings(applied: Sequence[AppliedEdit]) -> list[str]:
 
 
 def profile_warnings(result: ProfileResult, effects: EffectSettings) -> list[str]:
-    """Warn of what happened to the blocks of a profile."""
+    """Warn of lost blocks of a profile."""
     out: list[str] = []
     if effects.get(LateralDeflection) is not None:
         out.append("A profile has no width. [effects.lateral_deflection] has no effect here.")

@@ -72,7 +72,7 @@ class DemFile:
 
     @property
     def is_plain(self) -> bool:
-        """Whether the cells are square with north up, so that parts can be read as they are."""
+        """Whether the cells are square with north up, so that parts can be read directly."""
         return _is_square(self.transform, self.shape)
 
 

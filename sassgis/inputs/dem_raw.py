@@ -1,4 +1,4 @@
-"""A terrain model as it is, with its faults, where ``read_dem`` would refuse it."""
+"""A terrain model with its faults, also where ``read_dem`` would refuse it."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ _DEGREE_M = 111_195.0
 
 @dataclass(frozen=True)
 class RawDem:
-    """Heights with what is wrong around them."""
+    """Heights with the faults of their file."""
 
     values: FloatArray  # heights (m), shape (n_rows, n_cols); NaN where nothing can be known
     dx_m: float  # size of the cells (m), roughly where they are in degrees

@@ -79,7 +79,7 @@ def read_ground_table(path: AnyInput | None = None, readings: str = "hazard") ->
 
 
 def _columns(file: Input) -> dict[str, CsvColumn]:
-    """Return columns of a table of classes; values of which nothing else is said are estimates."""
+    """Return columns of a table of classes; values without a stated trust are estimates."""
     return {
         "name": CsvColumn(),
         **{parameter: CsvColumn(float) for parameter in PARAMETERS},

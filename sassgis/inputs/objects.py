@@ -167,7 +167,7 @@ def _traffic(values: Mapping[str, float], label: str, settings: ObjectSettings) 
 
 
 def _warn(placed: PlacedObjects, grid: Grid, file: Input) -> None:
-    """Warn of what can be used but deserves a look."""
+    """Warn of usable values that should be checked."""
     cells, owner = object_cells(placed, grid)
     known = np.isfinite(grid.values[np.divmod(cells, grid.shape[1])])
     n_known = np.bincount(owner, weights=known, minlength=len(placed))

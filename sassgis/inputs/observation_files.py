@@ -1,6 +1,6 @@
 """Field observations from a GeoPackage or a folder of CSV files.
 
-What cannot be used is left out and said so, row by row; reading fails only where nothing remains.
+Unusable values are excluded and reported row by row; reading fails only where nothing remains.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """One table of field observations: from cells and shapes to numbers and names.
 
-What cannot be used is left out and said so, row by row.
+Unusable values are excluded and reported row by row.
 """
 
 from __future__ import annotations
@@ -220,7 +220,7 @@ def _half_places(raw: RawTable, data: dict[str, Any]) -> None:
     half = there[0] ^ there[1]
     if not half.any():
         return
-    # What stands there and is no number has been said.
+    # Values that are not numbers were reported before.
     said = [f.rows for f in raw.findings if f.table == raw.name and f.column in ("x", "y")]
     missing = half & ~np.isin(raw.rows, np.concatenate([*said, np.empty(0, np.int64)]))
     if missing.any():
@@ -364,7 +364,7 @@ def read_thresholds(file: Path | None = None) -> dict[str, Any]:
 
 
 def thresholds_of(content: dict[str, Any]) -> Thresholds:
-    """Return thresholds in the content of their file; what it does not name keeps its default."""
+    """Return thresholds in the content of their file; others keep their defaults."""
     names = {field.name for field in fields(Thresholds)}
     return Thresholds(**{k: v for k, v in content.items() if k in names})
 

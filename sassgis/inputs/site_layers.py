@@ -106,7 +106,7 @@ def _objects(kind: str) -> SiteLayer:
 
 
 def _named_by(*columns: str) -> dict[str, str]:
-    """Return keys that name columns as they are called themselves."""
+    """Return keys that name columns, by the names of the columns."""
     return {column: f"{column}_field" for column in columns}
 
 

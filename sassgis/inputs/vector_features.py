@@ -61,7 +61,7 @@ class Feature:
         return f"feature {self.number}" + (f" ({name})" if name else "")
 
     def wrong(self, problem: str, field: str | None, **detail: Any) -> InputError:
-        """Return error for what is wrong with the feature; ``detail`` is what InputError takes."""
+        """Return the error of a feature; ``detail``: keywords of InputError."""
         return InputError(f"{self.label} {problem}", file=self.file, field=field, **detail)
 
 

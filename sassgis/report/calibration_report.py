@@ -31,7 +31,7 @@ _MEANING = page.ReportAnswer(
         "trends over the rocks are regressed on the parameters. Together with the spread between "
         "sites this gives the values and their intervals. Energy score: distance of the simulated "
         "rocks from each observed one, less their scatter.",
-        "Rocks left out: the rocks were split into five parts; each part was predicted with "
+        "Held-out rocks: the rocks were split into five parts; each part was predicted with "
         "parameters chosen on the other four.",
     ),
 )
@@ -47,7 +47,7 @@ def verdict(calibration: SiteCalibration) -> str:
         if site.errors:
             e = next((own for own in site.errors if own.name == "run-out"), site.errors[0])
             crps = (page.sensible(e.crps[m], 2) for m in ("before", "after", "left out"))
-            text = "{}: CRPS of the {} {} {unit} before, {} after, {} on rocks left out."
+            text = "{}: CRPS of the {} {} {unit} before, {} after, {} on held-out rocks."
             sentences.append(phrase(text, site.name, phrase(e.name), *crps, unit=e.unit))
     return joined(" ", sentences)
 
@@ -63,9 +63,9 @@ def calibration_warnings(calibration: SiteCalibration) -> list[str]:
             for s in calibration.sites
         ]
         text = (
-            "The sites contradict each other. Common parameters score {} worse than separate "
-            "ones, which is more than chance. Calibrate the sites separately, or give their "
-            "ground classes different names."
+            "The sites contradict each other: the score of common parameters is {} worse than "
+            "that of separate ones, more than by chance. Calibrate the sites separately, or give "
+            "their ground classes different names."
         )
         out.append(phrase(text, joined(", ", worse)))
     unknown = [f.parameter.label for f in calibration.fitted if not f.identified]
@@ -95,12 +95,12 @@ def calibration_report(
     labels = [f.parameter.label for f in calibration.fitted]
     common = page.table_of(
         "Common parameters and those that fit each site best",
-        (*page.heads("site; score, common; score, own"), *((label, "") for label in labels)),
+        (*page.heads("site; score, common; score, separate"), *((label, "") for label in labels)),
         (
             (s.name, s.score, s.own_score, *(float(f"{s.own[k]:.3g}") for k in labels))
             for s in calibration.sites
         ),
-        "Score: energy score, mean over the rocks; less is better.",
+        "Score: energy score, mean over the rocks; lower is better.",
     )
     return page.ReportContext(
         title=translated("Calibrated ground classes"),
@@ -126,16 +126,17 @@ def calibration_report(
             _score_table(calibration),
             *(_error_table(site) for site in calibration.sites),
             page.table_of(
-                "Parameters that make up for each other",
+                "Parameters that compensate each other",
                 "one; other; correlation",
                 ((t.one, t.other, f"{t.correlation:+.2f}") for t in calibration.trade_offs),
-                "Above 0: more of both fits as well; below 0: more of one and less of the other.",
+                "Above 0: raising both fits as well; below 0: raising one and lowering the other.",
             ),
             page.table_of(
                 "Other combinations that fit as well",
                 ((label, "") for label in labels),
                 ((float(f"{one[k]:.3g}") for k in labels) for one in calibration.as_good),
-                "As far apart as possible among those that chance does not separate from the best.",
+                "Combinations as different as possible whose scores differ from the best only by "
+                "chance.",
             ),
             *([common] if len(calibration.sites) > 1 else []),
         ),
@@ -151,7 +152,7 @@ def _figures(calibration: SiteCalibration, folder: Path) -> list[page.ReportFigu
     figure = parameters_figure(calibration.fitted)
     found = [picture(folder, "parameters", "Parameters", caption, figure)]
     caption = (
-        "Share of the rocks below a value. Before: as configured. Left out: each rock "
+        "Share of the rocks below a value. Before: configured parameters. Held out: each rock "
         "predicted with parameters chosen without it."
     )
     for k, site in enumerate(calibration.sites, start=1):
@@ -195,10 +196,11 @@ def _score_table(calibration: SiteCalibration) -> page.ReportTable:
         rows.append((s.name, "all", s.rocks, None, None, None, _percent(s.gain)))
     return page.table_of(
         "What each table of observations contributes",
-        "site; table; rocks; before; after; left out; gain on rocks left out | 95 %",
+        "site; table; rocks; before; after; left out; gain on held-out rocks | 95 %",
         rows,
-        "Energy score, mean over the rocks; less is better. Gain: of the score before, paired by "
-        "rock. The tables count alike, however many stations or impacts a rock has.",
+        "Energy score, mean over the rocks; lower is better. Gain: relative to the score before, "
+        "paired by rock. All tables have the same weight, however many stations or impacts a "
+        "rock has.",
     )
 
 
@@ -215,8 +217,8 @@ def _error_table(site: SiteResult) -> page.ReportTable:
         phrase("Errors at {}", site.name),
         "quantity; unit; rocks; 10 %; 50 %; 90 %; CRPS; error of the median | 95 % interval",
         rows,
-        "Error of the median: simulated over observed, less 1; of the lateral offset: of the "
-        "distance between the 10 % and the 90 % quantile. Intervals: observed rocks drawn anew.",
+        "Error of the median: simulated / observed − 1; for the lateral offset, of the distance "
+        "between the 10 % and the 90 % quantile. Intervals: observed rocks resampled.",
     )
 
 

@@ -30,7 +30,7 @@ from sassgis.studies.stored_result import StoredResult
 _RAMPS = {"reach_probability": "plasma_r", "energy": "YlOrRd", "passing_height": "YlGnBu"}
 _NOTHING = "Cells that no block reaches count as zero."
 _UNITS = {"m2": "m²"}
-#: What is said of several of a kind that differ.
+#: Plural of the kinds that differ.
 _SEVERAL = {
     "program": "version of sassgis",
     "setting": "settings",
@@ -87,15 +87,14 @@ def change_report(
     kinds = (("version of sassgis" if d.kind == "program" else d.kind) for d in change.differences)
     values = ((d.name, d.before or "–", d.after or "–") for d in change.differences)
     differ = table_of(
-        "What differs between the two",
+        "Differences in program, settings and inputs",
         "kind; what; before; after",
         ((kind, *map(named, own)) for kind, own in zip(kinds, values, strict=True)),
-        "From the two manifests. Inputs are compared by their content, not by their name.",
+        "From both manifests. Inputs are compared by content.",
     )
     sure = (
         change.beyond_sampling,
-        "At most 5 % of this area is expected by chance (false discovery rate for independent "
-        "samples).",
+        "Chance explains at most 5 % of this area (false discovery rate for independent samples).",
         "Results with the same seed and release points share their sample. Smaller changes are "
         "then real as well. Errors of the model, its parameters and the onset frequencies are not "
         "included.",
@@ -107,10 +106,10 @@ def change_report(
     if result_change.LEVEL.stem in after.maps:
         levels |= {c.value: c.label for c in after.maps[result_change.LEVEL.stem].classes}
     note = (
-        "0 where no block arrives. Energies and passing heights with limits of the sampling error "
-        "hold for all blocks that reach the object; on a road they hold for the stretch with the "
-        "largest value. Values without limits are the largest over the cells of the object. "
-        "Deaths and loss are sums over the object."
+        "0: no block arrives. Energies and passing heights with limits of the sampling error: "
+        "all blocks that reach the object; on a road, the stretch with the largest value. Values "
+        "without limits: largest over the cells of the object. Deaths and loss: sums over the "
+        "object."
     )
     return ReportContext(
         title=translated(phrase("{}: before and after", both)),
@@ -154,7 +153,7 @@ def _facts(result: StoredResult) -> list[tuple[str, Cell]]:
 
 
 def _differ(change: result_change.ResultChange) -> ReportAnswer:
-    heading = "What differs between the two"
+    heading = "Differences in program, settings and inputs"
     if not change.differences:
         return ReportAnswer(heading, ("Program, settings, inputs and libraries are the same.",))
     kinds: dict[str, list[str]] = {}
@@ -227,7 +226,7 @@ def sensitivity_report(
         subtitle="How results change within the ranges of the ground classes",
         what_was_run=(
             ("Ranges", len(runout)),
-            ("Simulations of all ranges at once", samples),
+            ("Simulations that vary all ranges together", samples),
             ("Blocks in each simulation", blocks),
             ("Reference width of the hazard", f"{run.ref_width_m:.4g} m" if levels else "–"),
         ),
@@ -252,13 +251,14 @@ def _verdict(runout: Sequence[variants.RangeEffect], maps: variants.CellMaps, le
     strong = [e.range.label for e in runout if e.beyond_chance]
     sentences = [phrase("No single range changes the run-out (95 %) beyond chance.")]
     if strong:
-        sentences = [phrase("Run-out (95 %) answers most to {}.", strong[0])]
+        sentences = [phrase("The run-out (95 %) is most sensitive to {}.", strong[0])]
     if levels:
         _, bands = maps
         reached = bands["level_could_be"]["base"] > 0
         higher = bands["level_higher"]["higher"][reached] >= 0.1
         text = (
-            "On {} % of the cells with a level, it is higher in a tenth of the simulations or more."
+            "On {} % of the cells with a level, at least a tenth of the simulations give a "
+            "higher one."
         )
         share = float(higher.mean()) if higher.size else 0.0
         sentences.append(phrase(text, f"{100 * share:.0f}"))
@@ -269,9 +269,9 @@ def _table_of_variants(
     runout: Sequence[variants.RangeEffect], energy: dict[object, variants.RangeEffect]
 ) -> ReportTable:
     note = (
-        "Base {} m, with another seed {} m. Energy: median ratio over the cells that 20 or more "
-        "blocks reach in both. Each range alone, all other values as in the class. Beyond chance: "
-        "more than twice the change by another seed."
+        "Base {} m; with another seed {} m. Each range is varied by itself; all other values are "
+        "those of the class. Energy: median ratio over the cells that 20 or more blocks reach in "
+        "both runs. Beyond chance: more than twice the change with another seed."
     )
     return table_of(
         "Which ranges change run-out and energy",
@@ -306,8 +306,8 @@ def _effect_table(effects: Sequence[variants.RangeEffect]) -> ReportTable:
             for e in sorted(effects, key=lambda e: (order[e.measure], _rank(e)))
             if e.beyond_chance
         ),
-        "Each range alone, where it changes more than by chance; all of them are in "
-        "tables/effects.csv. Rank correlation: over the simulations of all ranges at once.",
+        "Ranges varied by themselves that change results more than chance; tables/effects.csv "
+        "lists all. Rank correlation: over the simulations that vary all ranges together.",
     )  # fmt: skip
 
 
@@ -340,7 +340,7 @@ def spread_lines(spread: variants.GroundSpread) -> Lines:
         )
         known.append(phrase(text, spread.assumed, len(spread.ranges), spread.weak))
     if spread.few_draws:
-        known.append(phrase("{} draws are few: 10 or more give a band", spread.draws))
+        known.append(phrase("only {} draws: bands need 10 or more", spread.draws))
     lines = (("Spread of the ground classes", parts), ("How well the spread is known", known))
     return tuple((name, joined("; ", said)) for name, said in lines if said)
 

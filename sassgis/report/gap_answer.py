@@ -20,7 +20,7 @@ MATTERS = ("speed_mps", "runout_m", "energy_kept", "height_m", "rotation_hz", "l
 
 
 def verdict_sentence(diagnosis: Diagnosis) -> Phrase:
-    """Return what the first sentence leaves open: how sure the answer is, what is not testable."""
+    """Return the certainty of the answer and the causes that are not testable."""
     verdict = diagnosis.verdict
     out = _of_named(diagnosis) if verdict.named else [_unnamed(diagnosis)]
     if verdict.group_probability >= 0.0 and not verdict.named:
@@ -32,29 +32,29 @@ def verdict_sentence(diagnosis: Diagnosis) -> Phrase:
 
 
 def _of_named(diagnosis: Diagnosis) -> list[Phrase]:
-    """Return what is to be known of a cause that is named."""
+    """Return what qualifies a named cause."""
     verdict, by = diagnosis.verdict, diagnosis.shrinkage
     out = []
     if "measurement_error" in verdict.named:
-        out.append(phrase("It is in the observations, not in the model."))
+        out.append(phrase("This error lies in the observations."))
         out += _scaled(hypothesis_of(diagnosis.which, verdict.effect))
     if by.effect == verdict.effect and by.value is not None and by.value <= 0.0:
-        out.append(phrase("Adding the effect does not close the gap on rocks left out."))
+        out.append(phrase("Adding the effect does not close the gap on held-out rocks."))
     elif by.effect == verdict.effect and by.ci95 is not None and by.ci95[0] <= 0.0:
-        text = "It is not certain that adding the effect closes the gap on rocks left out."
+        text = "It is not certain that adding the effect closes the gap on held-out rocks."
         out.append(phrase(text))
     return out
 
 
 def _scaled(named: Hypothesis | None) -> list[Phrase]:
-    """Return the factor by which speeds were observed, if that is no chance."""
+    """Return the factor of the observed speeds, if it is significant."""
     scale = None if named is None else named.parameters.get("scale")
     low, high = (1.0, 1.0) if named is None else named.intervals.get("scale", (1.0, 1.0))
     if scale is None or low <= 1.0 <= high:
         return []
     if low == high:
         return [phrase("Observed speeds are {} times the true ones.", sensible(scale))]
-    said = "Observed speeds are {} times those that fit (95 %: {})."
+    said = "Observed speeds are {} times the speeds that fit the other data (95 %: {})."
     return [phrase(said, sensible(scale), interval_text((low, high)))]
 
 
@@ -87,10 +87,10 @@ def answer(diagnosis: Diagnosis) -> tuple[ReportAnswer, ...]:
         _why(diagnosis),
         _ranked(diagnosis),
         ReportAnswer("What to measure next", (), diagnosis.measure_next),
-        _where("Where the gap lies as configured", diagnosis.where_configured),
+        _where("Where the gap lies with the configured model", diagnosis.where_configured),
         _where("Where the gap lies after calibration", diagnosis.where),
         _how_far(diagnosis),
-        ReportAnswer("What these data do not identify", (), diagnosis.not_identifiable),
+        ReportAnswer("Not identifiable with these data", (), diagnosis.not_identifiable),
     )
 
 
@@ -106,7 +106,7 @@ def _why(diagnosis: Diagnosis) -> ReportAnswer:
     recommended = diagnosis.advice.recommended
     missing = {*verdict.effect.split("+")} - {*recommended.split("+")}
     if verdict.effect not in UNNAMED and missing:
-        text = "It is named but not recommended. The calibrated model contains {}."
+        text = "The diagnosis names it but does not recommend it. The calibrated model contains {}."
         out.append(phrase(text, words.file_has(recommended)))
     if verdict.effect != "unknown":
         out.append(
@@ -120,12 +120,12 @@ def _why(diagnosis: Diagnosis) -> ReportAnswer:
             sensible(tried.score + tried.gain),
         )
         if tried.gain > 0.0:
-            text = "It improves the prediction of single held-out rocks by {} {}."
+            text = "It improves the score of single held-out rocks by {} {}."
             out.append(phrase(text, sensible(tried.gain), interval))
         else:
             text = (
-                "It does not improve the prediction of single held-out rocks {}. The evidence is "
-                "in patterns over all rocks, such as trends, scatter and single impacts."
+                "It does not improve the score of single held-out rocks {}. The evidence comes "
+                "from all rocks together: trends, scatter and single impacts."
             )
             out.append(phrase(text, interval))
     return ReportAnswer("How sure this is", tuple(out))
@@ -161,7 +161,7 @@ def _ranked(diagnosis: Diagnosis) -> ReportAnswer:
     )
     sentences: list[str] = []
     if others := verdict.rivals:
-        possible = "These data do not separate it from: {}."
+        possible = "These data do not distinguish it from: {}."
         if verdict.effect == "unknown":
             possible = "Still possible: {}."
         sentences.append(phrase(possible, effect_names(others)))
@@ -170,7 +170,7 @@ def _ranked(diagnosis: Diagnosis) -> ReportAnswer:
     elif diagnosis.not_testable:
         sentences.append("These data show no other probable cause.")
     else:
-        sentences.append("No other tried explanation remains possible.")
+        sentences.append("All other tested explanations are ruled out.")
     return ReportAnswer("Causes, most likely first", tuple(sentences), points)
 
 
@@ -205,7 +205,7 @@ def finding_sentence(finding: GapFinding) -> Phrase:
 
 def _where(heading: str, findings: tuple[GapFinding, ...]) -> ReportAnswer:
     if not findings:
-        return ReportAnswer(heading, ("Nothing could be compared place by place.",))
+        return ReportAnswer(heading, ("No place has enough data for a comparison.",))
     sure = [f for f in findings if words.significance(f) == "sure"]
     likely = [f for f in findings if words.significance(f) == "likely"]
     if not sure:
@@ -215,7 +215,7 @@ def _where(heading: str, findings: tuple[GapFinding, ...]) -> ReportAnswer:
         )
         text = phrase(none, len(findings))
         if likely:
-            seen = phrase("{} are likely (see the figure).", len(likely))
+            seen = phrase("{} of them are likely (see the figure).", len(likely))
             text = joined(" ", (text, seen))
         return ReportAnswer(heading, (text,))
     stated = _one_per_quantity(sure)[:_STATED]
@@ -224,7 +224,7 @@ def _where(heading: str, findings: tuple[GapFinding, ...]) -> ReportAnswer:
     if likely:
         text = phrase("{}, {} more are likely", text, len(likely))
     more = len(sure) > len(stated)
-    text = phrase("{}. The most certain, one of each quantity:" if more else "{}:", text)
+    text = phrase("{}. The most certain one of each quantity:" if more else "{}:", text)
     return ReportAnswer(heading, (text,), tuple(finding_sentence(f) for f in stated))
 
 
@@ -251,16 +251,16 @@ def _how_far(diagnosis: Diagnosis) -> ReportAnswer:
     if diagnosis.verdict.named:
         if shrinkage.value is not None:
             text = (
-                "Adding {} closes {} of the gap that calibration leaves beyond chance{}, on rocks "
-                "left out."
+                "On held-out rocks, adding {} closes {} of the gap that remains beyond chance "
+                "after calibration{}."
             )
             said.append(phrase(text, effect, _share(shrinkage.value), _span(shrinkage)))
         if shrinkage.note:
             said.append(_sentence(shrinkage.note))
     elif shrinkage.ci95 is not None and shrinkage.ci95[0] > 0.0:
         text = (
-            "With {} it would shrink by another {}{}. Another law of the contact may close as "
-            "much. This is no proof of a cause."
+            "{} would close another {}{}. Another contact law may close as much, so this does "
+            "not prove a cause."
         )
         said.append(phrase(text, effect, _share(shrinkage.value or 0.0), _span(shrinkage)))
     return ReportAnswer(heading, tuple(said))
@@ -276,14 +276,14 @@ def _of_recommended(diagnosis: Diagnosis) -> list[Phrase]:
         return [phrase("The gap of the configured model is not distinguishable from chance.")]
     name = capital(words.rung_name(rung.rung))
     if rung.share is None or (rung.ci95 is not None and rung.ci95[0] <= 0.0):
-        return [phrase("{} closes nothing for certain of the configured model's gap.", name)]
+        return [phrase("{} does not reliably reduce the gap of the configured model.", name)]
     span = phrase("")
     if rung.ci95 is not None:
         span = phrase(" (95 % interval {} to {})", *map(_share, rung.ci95))
-    text = "{} closes {} of the configured model's gap{}, on rocks left out."
+    text = "{} closes {} of the gap of the configured model on held-out rocks{}."
     said = [phrase(text, name, _share(rung.share), span)]
     if words.is_chance(rung, ladder):
-        said.append(phrase("The rest is not distinguishable from chance."))
+        said.append(phrase("The remaining gap is not distinguishable from chance."))
     return said
 
 

@@ -40,14 +40,14 @@ from sassgis.report.figures.gap_figures import (
 from sassgis.report.page import Cell, ReportContext, ReportFigure, ReportTable, sensible, table_of
 from sassgis.report.pictures import picture
 from sassgis.settings.ground import PARAMETERS, GroundTable
-from sassgis.settings.languages import Phrase, capital, joined, phrase, translated
+from sassgis.settings.languages import Phrase, capital, counted, joined, phrase, translated
 from sassgis.settings.results import ground_name
 
 #: Below this number of rocks the report warns of it.
 FEW_ROCKS = 20
 #: Findings in the table of the report.
 _ROWS = 40
-#: In place of what is not distinguishable from chance.
+#: In place of values that are not distinguishable from chance.
 CHANCE = phrase("chance")
 
 
@@ -56,10 +56,7 @@ def report_warnings(case: Case, diagnosis: Diagnosis) -> list[str]:
     out: list[str] = []
     verdict = diagnosis.verdict
     if diagnosis.rocks < FEW_ROCKS:
-        text = (
-            "Only {} rocks were observed. Intervals are wide. Effects may be present that are not "
-            "named."
-        )
+        text = "Only {} rocks were observed. Intervals are wide, and effects may remain undetected."
         out.append(phrase(text, diagnosis.rocks))
     if verdict.effect not in gap_answer.UNNAMED and verdict.rivals:
         names = gap_answer.effect_names((verdict.effect, *verdict.rivals))
@@ -71,16 +68,15 @@ def report_warnings(case: Case, diagnosis: Diagnosis) -> list[str]:
         )
     left_out = sum(bool(f.left_out) for f in case.observations.findings)
     if left_out:
-        text = (
-            "Problems in the observations that exclude values, rows or tables: {}. List them with "
+        one = (
+            "{} problem in the observations excludes values, rows or tables. List it with sassgis "
+            "gap validate."
+        )
+        more = (
+            "{} problems in the observations exclude values, rows or tables. List them with "
             "sassgis gap validate."
         )
-        if left_out == 1:
-            text = (
-                "Problems in the observations that exclude values, rows or tables: 1. List them "
-                "with sassgis gap validate."
-            )
-        out.append(phrase(text, left_out))
+        out.append(counted(left_out, one, more, left_out))
     return out
 
 
@@ -167,11 +163,12 @@ def gap_figures(case: Case, diagnosis: Diagnosis, folder: Path) -> list[ReportFi
     table = case.observations
     release = np.column_stack([table.rocks.x, table.rocks.y])
     stops = np.column_stack([table.deposits.x, table.deposits.y])
-    caption = "No gap lies along the fall lines."
+    caption = "No gap can be placed along the fall lines."
     if first is not None and any(own.known for own in maps.values()):
         text = (
-            "{}. Across the slope: at a station. Along the fall lines: on that stretch. As a rule "
-            "the rocks start anew at its top, so that errors above do not count again."
+            "{}. Lines across the slope: gap at a station. Along the fall lines: gap on that "
+            "stretch. As a rule rocks start at its top as observed there, so that errors upslope "
+            "count only once."
         )
         caption = phrase(text, capital(words.quantity_name(first.quantity)))
     drawn = gap_map_figure(
@@ -187,8 +184,8 @@ def gap_figures(case: Case, diagnosis: Diagnosis, folder: Path) -> list[ReportFi
     if diagnosis.where:
         add(
             "gap_where",
-            "Every comparison",
-            "Observed less predicted, by place and phase.",
+            "All comparisons",
+            "Observed minus predicted, by place and phase.",
             gap_where_figure(diagnosis.where, diagnosis.where_configured),
         )
     if diagnosis.comparisons:
@@ -196,24 +193,24 @@ def gap_figures(case: Case, diagnosis: Diagnosis, folder: Path) -> list[ReportFi
         add(
             "gap_distributions",
             "Observed rocks and the models",
-            "Step curves show observed rocks without smoothing. A step curve within the pale band "
-            "does not differ from the base model.",
+            "Step curves: observed rocks, unsmoothed. A step curve within the pale band is "
+            "compatible with the base model.",
             gap_distributions_figure(diagnosis.comparisons, effect=named),
         )
     if diagnosis.ladder and not gap_answer.nothing_changed(diagnosis):
         add(
             "gap_ladder",
             "How far the gap shrinks",
-            "Distance to the observed rocks, step by step. Each rock is compared with a model that "
-            "was fitted without it.",
+            "Distance between model and observed rocks, model by model. Each rock is compared "
+            "with a model that was fitted without it.",
             gap_ladder_figure(diagnosis.ladder),
         )
     if diagnosis.which or verdict.ranked:
         add(
             "gap_hypotheses",
             "Causes, most likely first",
-            "The base model and the most probable causes were calibrated further than the others. "
-            "All scores are on held-out rocks.",
+            "The base model and the most probable causes were calibrated more finely than the "
+            "others. All scores are those of held-out rocks.",
             gap_hypotheses_figure(
                 diagnosis.which,
                 probabilities=verdict.ranked,
@@ -230,7 +227,7 @@ def gap_tables(case: Case, diagnosis: Diagnosis) -> list[ReportTable]:
     parameters = {} if named is None else named.parameters
     return [
         _causes_table(diagnosis),
-        _where_table("Where the gap lies as configured", diagnosis.where_configured),
+        _where_table("Where the gap lies with the configured model", diagnosis.where_configured),
         _where_table("Where the gap lies after calibration", diagnosis.where),
         table_of(
             "Calibrated models",
@@ -245,9 +242,9 @@ def gap_tables(case: Case, diagnosis: Diagnosis) -> list[ReportTable]:
                 )
                 for c in diagnosis.which
             ),
-            "Score: energy score of rocks held out of the calibration; less is better. Gain: score "
-            "of the model that it is added to less this one; causes are added to the base, another "
-            "law of the contact to calibrated ground.",
+            "Score: energy score of held-out rocks; lower is better. Gain: score of the model it "
+            "is added to minus this score. Causes are added to the base model, another contact "
+            "law to the calibrated ground.",
         ),
         table_of(
             phrase(
@@ -275,9 +272,9 @@ def gap_tables(case: Case, diagnosis: Diagnosis) -> list[ReportTable]:
 
 def _ladder_table(ladder: tuple[Rung, ...]) -> ReportTable:
     return table_of(
-        "From the configured model to chance",
-        "model; energy distance; closes of the gap | %; 95 % interval | %; added to; gain over it; "
-        "95 % interval of it",
+        "Distance to the observed rocks by model",
+        "model; energy distance; share of the gap closed | %; 95 % interval | %; added to; gain; "
+        "95 % interval of the gain",
         (
             (
                 words.rung_name(r.rung),
@@ -293,11 +290,11 @@ def _ladder_table(ladder: tuple[Rung, ...]) -> ReportTable:
             )
             for r in ladder[:-1]
         ),
-        "Each rock is compared with a model that was drawn, chosen and fitted without it. "
-        "Distance: unbiased, zero in the mean where only chance is left; “chance”: not "
-        "distinguishable from it. Closes: share of the gap of the configured model beyond chance. "
-        "A dash: that gap may be chance. Gain: distance of the model that it is added to, less its "
-        "own; a model whose interval holds zero is not recommended.",
+        "Each rock is compared with a model that was drawn, chosen and fitted without it. Energy "
+        "distance: unbiased; zero on average where only chance remains; “chance”: not "
+        "distinguishable from it. Share closed: of the gap of the configured model beyond "
+        "chance; a dash: that gap may be chance. Gain: distance of the model it is added to "
+        "minus its distance; a model whose interval contains zero is not recommended.",
     )
 
 
@@ -323,7 +320,7 @@ def _gaps_table(advice: Advice) -> ReportTable:
 
     return table_of(
         "Observed rocks, configured model and calibrated model",
-        "place; quantity; observed; counts from; configured; gap | 95 % interval; side; "
+        "place; quantity; observed; relevant from; configured; gap | 95 % interval; side; "
         "calibrated model; gap | 95 % interval; side",
         (
             (
@@ -334,9 +331,10 @@ def _gaps_table(advice: Advice) -> ReportTable:
             for g in advice.compared
         ),
         phrase(
-            "Calibrated model: {}, on rocks left out. Gap: observed less predicted; above zero "
-            "the model is unsafe. In brackets: certain but too small to matter. Interval: rocks "
-            "resampled. Width: from the 10 % to the 90 % quantile. Energy: of translation.",
+            "Calibrated model: {}, on held-out rocks. Gap: observed minus predicted; above zero "
+            "the model is unsafe. In brackets: significant but below the relevant size. "
+            "Interval: rocks resampled. Width: from the 10 % to the 90 % quantile. Energy: "
+            "translation.",
             words.rung_name(advice.recommended),
         ),
     )  # fmt: skip
@@ -356,10 +354,10 @@ def _interval_cell(span: tuple[float, float] | None, digits: int = 3) -> str:
 
 def _where_table(title: str, findings: tuple[GapFinding, ...]) -> ReportTable:
     note = phrase(
-        "Gap: observed less predicted, mean over rocks. Interval: rocks resampled. p: chance that "
-        "the largest of all these gaps would be as large without any. q: share of false findings "
-        "among those that are as sure. Test: free run: from the release; reach: from what was "
-        "observed where the stretch begins; one step: from one observed state to the next."
+        "Gap: observed minus predicted, mean over rocks. Interval: rocks resampled. p: "
+        "probability that chance makes the largest of all these gaps as large. q: false "
+        "discovery rate. Test: free run: simulated from the release; reach: from the observed "
+        "state at the top of the stretch; one step: from one observed state to the next."
     )
     if len(findings) > _ROWS:
         more = phrase("The {} most certain of {}; all are in diagnosis.json.", _ROWS, len(findings))
@@ -387,8 +385,8 @@ def _causes_table(diagnosis: Diagnosis) -> ReportTable:
     gains = {gain.effect: gain for gain in diagnosis.gains}
     return table_of(
         "Causes, most likely first",
-        "cause; probability | %; separated from the answer; closes of what "
-        "the base leaves | %; sureness; would be seen | %",
+        "cause; probability | %; distinguished from the answer; share of the remaining gap "
+        "closed | %; z; detection rate | %",
         (
             (
                 words.effect_name(name),
@@ -399,10 +397,10 @@ def _causes_table(diagnosis: Diagnosis) -> ReportTable:
             )
             for name, p in verdict.ranked.items()
         ),
-        "Closes: of the base with a free contact, in the numbers that sum up all rocks (means, "
-        "scatters, trends with the size), the ground calibrated anew. Sureness: standard errors "
-        "beyond what chance makes of the base. Would be seen: share of strong draws of the cause "
-        "that these data would show.",
+        "Share closed: of the gap that the base model with free contact leaves in means, "
+        "scatters and trends over all rocks, after the ground is recalibrated. z: standard "
+        "errors above what chance gives with the base model. Detection rate: share of strong "
+        "draws of the cause that these data would show.",
     )  # fmt: skip
 
 
@@ -433,10 +431,10 @@ def _shrinkage_table(diagnosis: Diagnosis) -> ReportTable:
     )
     return table_of(
         phrase("How far the gap shrinks with {}", words.effect_name(s.effect)),
-        "quantity; base model | energy distance; with the effect; shrinks by | %",
+        "quantity; base model | energy distance; with the effect; reduction | %",
         (*rows, ("all together", *together)) if added else (),
-        "On held-out rocks. Shrinks by: (base − effect) / (base − chance). “chance”: not "
-        "distinguishable from it; a dash where that holds for the base model.",
+        "On held-out rocks. Reduction: (base − effect) / (base − chance). “chance”: not "
+        "distinguishable from it; a dash: the base model is not distinguishable from chance.",
     )
 
 
@@ -454,8 +452,8 @@ def _ground_table(before: GroundTable, after: GroundTable) -> ReportTable:
         "class; η max; Δp/p least; Δp/p most; μ_f; μ_0; k; d* | m; e; v of e/2 | m/s; "
         "rolling threshold; speed loss",
         rows,
-        "Configured → calibrated, with the named effect if there is one. Classes that did not "
-        "change are not listed.",
+        "Configured → calibrated, including the named effect, if any. Only changed classes are "
+        "listed.",
     )
 
 
@@ -480,7 +478,7 @@ def gap_report(
     said = filter(None, (phrase(diagnosis.first_sentence), gap_answer.verdict_sentence(diagnosis)))
     return ReportContext(
         title=translated(phrase("{}: observed and simulated rocks", project)),
-        subtitle="What separates the field observations from the SASS model, and why",
+        subtitle="Differences between field observations and the SASS model, and their causes",
         verdict=joined(" ", said),
         answer=gap_answer.answer(diagnosis),
         warnings=tuple(warnings),
@@ -492,7 +490,7 @@ def gap_report(
             ("Fall lines", len(used_lines(case))),
             ("Stations", joined(", ", case.station_names) or "none"),
             ("Effects already configured", joined(", ", case.effects.names) or "none"),
-            ("Explanations tried", tried or "none"),
+            ("Explanations tested", tried or "none"),
         ),
         figures=tuple(gap_figures(case, diagnosis, folder)),
         tables=tuple(gap_tables(case, diagnosis)),

@@ -1,4 +1,4 @@
-"""A map that can be asked: one page, complete in itself, that says what comes to a place.
+"""A map page, complete in itself: a click shows the values of a place.
 
 The map library is Leaflet (BSD 2-Clause), as the package XStatic-Leaflet brings it; the rest is
 the template ``map_page.html.j2``. Numbers of cells are packed: logarithms in steps of 0.23 %,
@@ -40,7 +40,7 @@ from sassgis.simulation.path_sample import BlockPath
 
 #: Maps that can be chosen, the first that there is at the beginning.
 _SHOWN = ("hazard_level", "energy", "reach_probability", "passing_height", "return_period")
-#: Maps whose values are said of a cell: numbers of blocks, and quantiles of those that arrive.
+#: Maps whose values the page shows for a cell: numbers of blocks, quantiles of arriving ones.
 _COUNTS = (("passages", "passages"), ("reach_probability", "reach"), ("stops", "stops"))
 _QUANTILES = ("energy", "passing_height", "speed")
 _BANDS = ("q50", "q95", "max")
@@ -56,7 +56,7 @@ _STRIPE = 6
 #: Steps of a decade, and the smallest power of ten.
 _STEPS, _LEAST = 1000, -10
 
-#: Words and values that are said of a place.
+#: Words and values that the page shows for a place.
 Rows = tuple[tuple[str, str], ...]
 
 
@@ -72,9 +72,9 @@ class MapHazard:
 
     preset: HazardPreset
     curves: HazardCurves
-    # Position of the level in the preset, polygon, and what is said of the zone.
+    # Position of the level in the preset, polygon, and rows of the zone.
     zones: Sequence[tuple[int, Any, Rows]]
-    # Kind, name, geometry and what is said: "open" where zones go on beyond the terrain model,
+    # Kind, name, geometry and rows: "open" where zones continue beyond the terrain model,
     # "edit" by hand.
     marks: Sequence[tuple[str, str, Any, Rows]]
     ref_width_m: float  # of all frequencies
@@ -145,22 +145,22 @@ _WORDS = {
     "years": "years",
     "once": "once in {} years",
     "rarer": "– (no block)",
-    "none": "No simulated block comes here.",
+    "none": "No simulated block arrives here.",
     "level": "Hazard level of the cell",
     "no_level": "no level",
-    "why_none": "Blocks come here too rarely to count for a level.",
+    "why_none": "Blocks arrive here too rarely to count for a level.",
     "certain": "With another random seed, the level changes with a probability of {}.",
     "between": "Range within the sampling error: {} to {}.",
-    "frequency": "How often blocks come here",
+    "frequency": "Frequency of blocks here",
     "energy": "energy",
     "any": "any block",
     "and_more": "and more",
     "with_period": "Energy with return period",
-    "blocks": "Simulated blocks that come here",
+    "blocks": "Simulated blocks that arrive here",
     "sources": "Where these blocks start",
     "others": "others",
     "of_width": "Reference width {} m.",
-    "thinned": "Values of the most often reached of {} x {} cells.",
+    "thinned": "Values of the most frequently reached of {} × {} cells.",
     "chainage": "chainage",
     "ground": "ground at",
     "above": "block above the ground",
@@ -185,7 +185,7 @@ _WORDS = {
     "wall": "Wall",
     "net": "Net",
     "gallery": "Gallery (safeguard tunnel)",
-    "of_blocks": "of the blocks that come",
+    "of_blocks": "of the arriving blocks",
     "largest": "largest",
 }
 _LABELS = {
@@ -414,7 +414,7 @@ def _packed(values: NDArray[Any]) -> str:
 def _shape(
     kind: str, name: str, geometry: Any, rows: Rows, colour: str = "", curve: Iterable[Any] = ()
 ) -> dict[str, Any]:
-    """Return a geometry (lines, rings with their holes, or points) with what is said of it."""
+    """Return a geometry (lines, rings with their holes, or points) with its rows."""
     parts = []
     for part in shapely.get_parts(geometry):
         if isinstance(part, shapely.Polygon):

@@ -22,7 +22,7 @@ from sassgis.report.page import Cell, ReportContext, ReportFigure, ReportTable, 
 from sassgis.report.pictures import map_alt, path_alt, picture, station_alt
 from sassgis.settings.ground import TRUST_TEXT
 from sassgis.settings.hazard_rules import HazardPreset
-from sassgis.settings.languages import joined, named, phrase
+from sassgis.settings.languages import counted, joined, named, phrase
 from sassgis.settings.map_run import MapRun
 from sassgis.settings.results import (
     LINE_END_TEXT,
@@ -97,10 +97,10 @@ def object_lines(exposed: ReportTable) -> Lines:
     if not exposed.rows:
         return ()
     reached = [row for row in exposed.rows if row[-2] is not None or row[-1] is not None]
-    words = phrase("blocks reach {} of {}", len(reached), len(exposed.rows))
+    words = phrase("blocks reach {} of {} objects", len(reached), len(exposed.rows))
     if reached and reached[0][-2] is not None:
         (what, unit), of = exposed.columns[-2], (len(reached), len(exposed.rows))
-        text = "blocks reach {} of {}; most at {}: {} {} {}"
+        text = "blocks reach {} of {} objects; largest value at {}: {} {} {}"
         words = phrase(text, *of, reached[0][0], phrase(what), reached[0][-2], unit)
     return (("Energy at exposed objects", words),)
 
@@ -113,21 +113,13 @@ def zone_lines(
     confidence: float,
     currency: str,
 ) -> Lines:
-    """State the area of the zones by level, how sure they are, and the risk of all objects."""
+    """State the area of the zones by level, the risk of all objects, and how sure they are."""
     areas = [phrase("{} {} m²", phrase(str(row[0])), sensible(row[2])) for row in levels.rows]
     hazard = found.hazard
     text = "{} The hatched cells ({} % of the zoned area) hold {} % of these changes."
     shares = (f"{100 * share:.3g}" for share in (hazard.uncertain_share, confidence))
     sample = phrase(text, sample_words(hazard.chances, preset), *shares)
-    lines: list[tuple[str, str]] = [
-        ("Hazard zones", joined("; ", areas)), ("Sampling error", sample)
-    ]  # fmt: skip
-    if edge:
-        lines.append(("Edge of the terrain model", edge))
-    if hazard.edits:
-        changed = sum(a.has_changed for a in hazard.edits)
-        text = "places: {}; computed level changed since below: {}"
-        lines.append(("Edited by hand", phrase(text, len(hazard.edits), changed)))
+    lines: list[tuple[str, str]] = [("Hazard zones", joined("; ", areas))]
     if found.risk is not None:
         total = total_rows(found.risk)[-1]
         text = "loss {} {}/year; deaths {} per year; largest individual risk {} per year"
@@ -135,6 +127,13 @@ def zone_lines(
         largest = sensible(total["individual_risk_largest_per_year"])
         risk = phrase(text, loss, currency, deaths, largest)
         lines.append(("Risk of all exposed objects", risk))
+    lines.append(("Sampling error", sample))
+    if edge:
+        lines.append(("Edge of the terrain model", edge))
+    if hazard.edits:
+        changed = sum(a.has_changed for a in hazard.edits)
+        text = "places: {}; of these with a changed computed level: {}"
+        lines.append(("Edited by hand", phrase(text, len(hazard.edits), changed)))
     return tuple(lines)
 
 
@@ -191,7 +190,7 @@ def station_figures(
         name, kind = lines[i].name, lines[i].kind
         title = named(name) if kind == "station" else phrase("{} ({})", name, phrase(kind))
         figure = figures.station_figure(title, *bins, n=n)
-        title, alt = phrase("Blocks at {}", name), alts.get(name, "")
+        title, alt = phrase("Passing blocks: {}", name), alts.get(name, "")
         out.append(picture(folder, f"station_{stem}", title, caption, figure, alt))
     return out
 
@@ -225,12 +224,12 @@ _CONTROL_LINE_TABLES = (
     ),
     (
         "Barriers",
-        "barrier; kind; arriving blocks; hits; stopped; caught, moving again; over the top; "
+        "barrier; kind; arriving blocks; hits; stopped; caught, then moving again; over the top; "
         "break through; energy, 95 % | kJ; energy, 99 % | kJ; height, 95 % | m; height, 99 % | m",
         "name kind rocks hits stopped held_by_net overtopped broke_through energy_kj_q95 "
         "energy_kj_q99 height_m_q95 height_m_q99",
         "Energy (translation + rotation) and passing height of all blocks at their first "
-        "arrival, also of those that pass over.",
+        "arrival, including those that pass over.",
     ),
     (
         "Roofs of galleries",
@@ -324,12 +323,12 @@ def _pictures(
         caption = layer.note
         if stem in ("energy", "passing_height"):
             few = float((progress.sums.column("reach") < FEW_BLOCKS).mean())
-            text = "Fewer than {} blocks arrive in {} % of the cells that blocks reach."
+            text = "Fewer than {} blocks arrive in {} % of the reached cells."
             caption = joined(" ", (caption, phrase(text, FEW_BLOCKS, f"{100 * few:.0f}")))
         pictures.append(picture(folder, f"map_{stem}", layer.title, caption, figure, alt))
     if furthest is not None:
         title = "Paths of blocks above the terrain"
-        caption = "Unrolled into one vertical plane. Barriers have their true height."
+        caption = "Paths unrolled into one vertical plane. Barriers are drawn at their true height."
         figure, alt = line_figure(furthest), path_alt(furthest)
         pictures.append(picture(folder, "profile_furthest", title, caption, figure, alt))
     caption = "Distance in plan along the path at which blocks stop, by reason."
@@ -344,15 +343,17 @@ def _blocks_words(run: MapRun, planned: Plan, progress: Progress) -> str:
     repetitions = planned.repetitions or (run.repetitions,)
     least, most = min(repetitions), max(repetitions)
     times = f"{most}" if least == most else phrase("{} to {}", least, most)
-    text = "repetitions: {}; blocks per release point in each: {}"
-    words = phrase(text, times, run.release.rocks_per_point)
+    one = "{} repetition, {} blocks per release point"
+    more = "{} repetitions, {} blocks per release point in each"
+    words = counted(most, one, more, times, run.release.rocks_per_point)
     if progress.simulated < progress.reasons.sum():
         text = (
-            "{}; some points have down to an eighth of these blocks, which count up to eight times"
+            "{}; some points had down to an eighth of these blocks, with up to eight times the "
+            "weight"
         )
         words = phrase(text, words)
     if progress.simulated < progress.reasons.sum():
-        text = "{}, counted as {} in the tables: {}"
+        text = "{} (weighted to {} in the tables): {}"
         return phrase(text, *map(thousands, (progress.simulated, progress.reasons.sum())), words)
     return phrase("{}: {}", thousands(progress.simulated), words)
 
@@ -384,13 +385,13 @@ def map_report(
     )  # fmt: skip
     ends = joined_lines(progress.lines).end
     line_ends = table_of(
-        "How fall lines end",
+        "Ends of fall lines",
         "reason; lines",
         ((text, int((ends == e).sum())) for e, text in LINE_END_TEXT.items()),
     )
-    roughness = "none: cells are not finer than the blocks"
+    roughness = "none: cells are at least as large as the blocks"
     if run.heights is not run.grid:
-        text = "what is smaller than {} m (terrain.block_scale_m)"
+        text = "features smaller than {} m (terrain.block_scale_m)"
         roughness = phrase(text, f"{run.block_scale_m:.3g}")
     cell = f"{run.grid.cell_size:.4g}"
     n_rows, n_cols = run.grid.shape
@@ -414,10 +415,10 @@ def map_report(
             ("Effects beyond the model of 1986", ", ".join(run.effects.names) or "none"),
             ("Reference width of the reach probability", phrase("{} m (one cell)", cell)),
             (smoothing, f"{run.terrain.smoothing_m:g} m"),
-            ("Terrain that counts as roughness", roughness),
-            ("Segments within",
-             phrase("{} m of the terrain, vertically", f"{run.terrain.segment_tolerance_m:g}")),
-            *((("A sample at other tolerances", str(checked)),) if checked is not None else ()),
+            ("Terrain treated as roughness", roughness),
+            ("Largest vertical gap between terrain and segments",
+             f"{run.terrain.segment_tolerance_m:g} m"),
+            *((("Sample at half and double this gap", str(checked)),) * (checked is not None)),
         ),
         warnings=tuple(warnings),
         key_results=stopping_reasons(progress.reasons),

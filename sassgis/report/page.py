@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import base64
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
 from functools import cache
 from os import PathLike
@@ -15,7 +15,7 @@ import numpy as np
 from jinja2 import Environment, PackageLoader, StrictUndefined, Template
 
 from sassgis.errors import OutputError
-from sassgis.hazard.warnings import SetUp
+from sassgis.hazard.warnings import first_warnings
 from sassgis.settings.languages import current_language, translated, with_translated
 from sassgis.settings.results import power_of_ten
 
@@ -172,15 +172,6 @@ def in_short(report: ReportContext, folder: Path) -> str:
     """Give what a notebook shows of a result: the answer, the warnings, the first figure."""
     page = (folder / "report.html").as_posix()
     return template("notebook.html.j2").render(report=report, page=page)
-
-
-#: Warnings at the top of a page.
-_FIRST = 5
-
-
-def first_warnings(warnings: Sequence[str]) -> tuple[str, ...]:
-    """Choose the few warnings for the top of a page: about what may make a result wrong."""
-    return tuple(text for text in warnings if not isinstance(text, SetUp))[:_FIRST]
 
 
 def translated_report(context: ReportContext) -> ReportContext:

@@ -36,7 +36,7 @@ from sassgis.report.page import (
 from sassgis.report.pictures import picture
 from sassgis.settings.exposure import PlacedObjects
 from sassgis.settings.hazard_rules import HazardPreset
-from sassgis.settings.languages import current_language, joined, phrase, translated
+from sassgis.settings.languages import counted, current_language, joined, phrase, translated
 from sassgis.settings.results import ControlLine
 from sassgis.simulation.control_lines import BEHIND, FORCE, LOAD, OVER
 
@@ -101,14 +101,14 @@ def exposed_table(
         rows.append((-energy.max(), (name, placed.objects[number].kind, *level, *cells)))
     rows.sort(key=lambda row: row[0])
     note = phrase(
-        "All blocks that reach the object, with limits of the sampling error. Energy: the largest "
-        "value of each block. Height: each block in each cell. Roads and lines: the stretch with "
-        "the most energy. A dash means that no block arrives, or less often."
+        "All blocks that reach the object, with limits of the sampling error. Energy: largest "
+        "value of each block. Height: each block in each cell. Roads and lines: stretch with the "
+        "highest energy. A dash means that no block arrives, or that blocks arrive less often."
     )
     if levels:
         more = (
-            "More blocks reach a wide object than the reference width of the zones: its level is "
-            "then higher than that of the zone."
+            "An object wider than the reference width is reached by more blocks, so that its "
+            "level may be higher than that of the zone."
         )
         note = joined(" ", (note, phrase(more)))
     columns = heads(
@@ -135,8 +135,9 @@ def with_limits(value: float, low: float, high: float) -> Cell:
     """Return a value with its limits, in words; None where there is none."""
     if not np.isfinite(value):
         return None
-    most = sensible(high) if np.isfinite(high) else phrase("more")
-    return phrase("{} ({} to {})", sensible(value), sensible(low), most)
+    if not np.isfinite(high):
+        return phrase("{} ({} or more)", sensible(value), sensible(low))
+    return phrase("{} ({} to {})", *map(sensible, (value, low, high)))
 
 
 def limited(row: pd.Series, column: str) -> Cell:
@@ -222,7 +223,7 @@ def best_places(places: pd.DataFrame) -> tuple[pd.Series, pd.Series] | None:
 _NEEDS = (
     ("net_class", "energy class", "station net"),
     ("net_height_m", "net height | m", "station net wall"),
-    (BEHIND, "energy behind it | kJ", "net"),
+    (BEHIND, "energy behind | kJ", "net"),
     (LOAD, "energy of hits | kJ", "wall"),
     (LOAD, "energy into the roof | kJ", "gallery"),
     (FORCE, "force on the roof | kN", "gallery"),
@@ -250,7 +251,7 @@ def needs_table(arriving: pd.Series, needs: pd.DataFrame) -> ReportTable:
         )
     columns = "return period | years; energy | kJ; passing height | m; block | m"
     return table_of(
-        "What is reached or exceeded once in the return period",
+        "Values reached or exceeded once in the return period",
         "; ".join([columns, *shown.values()]),
         rows,
     )
@@ -266,7 +267,11 @@ def write_protection_page(
 ) -> None:
     """Write the sheets into one HTML file that prints a page of A4 for each."""
     text = template("protection.html.j2").render(
-        title=title, byline=byline, sheets=sheets, change=change, warnings=warnings,
+        title=title, byline=byline, sheets=sheets, change=change,
+        warnings=warnings and translated(counted(
+            warnings, "{} warning applies (see report.html).",
+            "{} warnings apply (see report.html).", warnings,
+        )),
         classes=", ".join(f"{name}: {most:g}" for name, most in net_classes() if most < np.inf),
         words=_words, in_words=translated, table_in_words=translated_table,
         language=current_language(),

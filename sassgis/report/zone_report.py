@@ -30,6 +30,11 @@ from sassgis.settings.map_run import MapRun
 from sassgis.settings.results import RasterLayer, rounded, thousands
 
 BARRIERS_TITLE = "Effect of walls and nets"
+#: Over what rows of the table of risk are summed.
+_SCOPES = {
+    "whole": "whole object", "kind": "kind of object", "source": "release area and scenario",
+    "all": "all objects",
+}  # fmt: skip
 
 
 def telling_place(hazard: Hazard) -> int | None:
@@ -89,7 +94,7 @@ def zone_figures(
     )
     width = phrase("Reference width {} m.", f"{rules.ref_width_m:.4g}")
     text = (
-        "Preset {}: {}. Zones are never lower than the cells in them, except where edited by "
+        "Preset {}: {}. No zone has a lower level than a cell in it, except where edited by "
         "hand. {}"
     )
     areas = [
@@ -107,7 +112,7 @@ def zone_figures(
     add(
         "intensity",
         "Intensity by return period",
-        phrase("Strongest intensity that is reached at least once in the return period. {}", width),
+        phrase("Highest intensity reached at least once in the return period. {}", width),
         joined(" ", (map_alt(grid, layer) for layer in intensities)),
         figures.intensity_figure(grid, intensities, marks),
     )
@@ -127,8 +132,8 @@ def zone_figures(
         add(
             "blocks",
             "Effect of more blocks",
-            "Share that changes level with another random seed, after each round of blocks: of "
-            "the zoned area, or the mean of the levels if it is larger. Red line: limit "
+            "Share of the zoned area that changes level with another random seed, after each "
+            "batch of blocks; mean of the levels where that is larger. Red line: limit "
             "hazard.changed_share_max.",
             joined(", ", (
                 phrase("{} blocks: {} %", thousands(n), f"{100 * share:.1f}")
@@ -142,7 +147,7 @@ def zone_figures(
             levels = raster(grid, one.chances.places, one.chances.level)
             drawn = np.where(levels == 0, np.nan, levels).astype(np.float32)
             both.append(replace(level, bands=(replace(level.bands[0], values=drawn),)))
-        names = ("Without walls and nets", "With them")
+        names = ("Without walls and nets", "With walls and nets")
         text = "Hazard level of the cells without and with walls and nets, from the same blocks."
         add(
             "barriers",
@@ -159,10 +164,10 @@ def zone_figures(
     ]
     add(
         "hazard_curve",
-        "A hazard curve",
+        "Hazard curve of one cell",
         phrase(
-            "At the cell reached from the most release areas and scenarios. The curve crosses "
-            "fields of the matrix; the highest gives the level. {}", width,
+            "The cell that the most release areas and scenarios reach. The highest field of the "
+            "matrix that the curve crosses gives the level. {}", width,
         ),
         phrase("Falling curve. Blocks per year: {}.", joined(", ", rates)),
         figures.hazard_curve_figure(
@@ -292,8 +297,8 @@ def level_table(preset: HazardPreset, found: Assessment) -> ReportTable:
         "Hazard zones",
         columns,
         list(zip(*cells, strict=True))[::-1],
-        "Zones are never lower than the cells in them. Gaps are closed and small zones enlarged "
-        "or raised. Areas are therefore a little larger than those of the cells.",
+        "No zone has a lower level than a cell in it. Gaps are closed; small zones are enlarged "
+        "or raised. Zone areas are therefore slightly larger than cell areas.",
     )
 
 
@@ -328,8 +333,9 @@ def _design_table(
 
 def _risk_table(risk: RiskTable, without: RiskTable | None, money: str) -> ReportTable:
     columns = heads(
-        "what; sum over; hits | 1/year; loss | money; its standard error, at most | money; "
-        "deaths | 1/year; their standard error, at most | 1/year; largest individual risk | 1/year"
+        "what; sum over; hits | 1/year; loss | money; standard error of the loss, at most | "
+        "money; deaths | 1/year; standard error of the deaths, at most | 1/year; largest "
+        "individual risk | 1/year"
         + ("" if without is None else "; loss without walls and nets | money; "
            "deaths without walls and nets | 1/year")
     )  # fmt: skip
@@ -337,7 +343,7 @@ def _risk_table(risk: RiskTable, without: RiskTable | None, money: str) -> Repor
     rows = []
     for total in total_rows(risk):
         row = [
-            total["name"], total["scope"], rounded(total["hits_per_year"]),
+            total["name"], _SCOPES[total["scope"]], rounded(total["hits_per_year"]),
             rounded(total["loss_per_year"]), rounded(total["loss_per_year_se"], 2),
             rounded(total["deaths_per_year"]), rounded(total["deaths_per_year_se"], 2),
             rounded(total["individual_risk_largest_per_year"]),

@@ -56,7 +56,7 @@ from sassgis.runs.draw_store import DrawStore
 from sassgis.runs.inputs import input_files, read_map_run
 from sassgis.runs.resumable_run import AnyConfig, configured, workers_asked
 from sassgis.settings.ground import PARAMETERS, GroundTable
-from sassgis.settings.languages import in_language, joined, phrase
+from sassgis.settings.languages import counted, in_language, joined, phrase
 from sassgis.settings.map_run import Config
 from sassgis.settings.schema import Input
 from sassgis.simulation.workers import Jobs, OnProgress, one_algebra_thread, task_map
@@ -125,11 +125,10 @@ def group_warnings(case: Case) -> tuple[str, ...]:
     groups = np.unique(case.group).size
     if groups >= WARNED_GROUPS:
         return ()
-    text = "The rocks are in {} groups." if groups > 1 else "The rocks are in 1 group."
-    found = phrase(text, groups)
+    found = counted(groups, "The rocks form {} group.", "The rocks form {} groups.", groups)
     stated = phrase(
-        "With fewer than {} groups, causes cannot be separated from what the rocks of a group "
-        "share. Intervals are far too narrow.",
+        "With fewer than {} groups, common features of a group cannot be separated from causes. "
+        "Intervals are far too narrow.",
         WARNED_GROUPS,
     )
     return (joined(" ", (found, stated)),)
@@ -164,8 +163,8 @@ def limit_warnings(case: Case, model: HypothesisModel) -> tuple[str, ...]:
     if not found:
         return ()
     text = (
-        "Values at the limit of all known grounds: {}. The contact may follow a law that the "
-        "model lacks."
+        "Values at the limit of all known grounds: {}. The contact may follow another law than "
+        "the model's."
     )
     return (phrase(text, ", ".join(found)),)
 
@@ -182,9 +181,9 @@ def edge_warnings(before: float, after: float) -> tuple[str, ...]:
     if max(before, after) < WARNED_LEAVING:
         return ()
     text = (
-        "{} % of the rocks as configured and {} % in the calibrated model reach the edge of the "
-        "terrain model or the end of their fall line. They count as stopped there. They may come "
-        "farther."
+        "{} % of the rocks of the configured model and {} % of those of the calibrated model "
+        "reach the edge of the terrain model or the end of their fall line. They count as "
+        "stopped there, but may go farther. Extend the terrain model."
     )
     return (phrase(text, *(f"{100.0 * share:.0f}" for share in (before, after))),)
 

@@ -15,6 +15,7 @@ from sassgis.grid import Grid
 from sassgis.hazard.adaptive_sampling import check_budget
 from sassgis.hazard.design import size_warnings
 from sassgis.hazard.warnings import (
+    first_warnings,
     ground_warnings,
     idle_areas,
     path_warnings,
@@ -65,7 +66,7 @@ class InputReport:
     control_lines: tuple[ControlLine, ...]
     blocks: tuple[str, ...]
     notices: tuple[str, ...]  # what was done to the inputs, such as reprojection
-    warnings: tuple[str, ...]  # what deserves a look before results are trusted
+    warnings: tuple[str, ...]  # to check before results are trusted
     estimate: RunEstimate | None  # None where nothing is complete for a run on the map
     zoning: tuple[str, ...]  # what there is for a zoning
     ready: tuple[Readiness, ...]
@@ -145,7 +146,9 @@ class InputReport:
             built.append(text)
         out += built if every else _some(built)
         out += [f"notice         {text}" for text in self.notices]
-        out += [f"WARNING        {text}" for text in self.warnings]
+        first = first_warnings(self.warnings)
+        out += [f"WARNING        {text}" for text in first]
+        out += [f"note           {text}" for text in self.warnings if text not in first]
         out += [] if self.estimate is None else self.estimate.lines()
         return [*out, *self.zoning, *(own.line for own in self.ready)]
 

@@ -93,8 +93,8 @@ class DemReport:
             v: ", ".join(f.item for f in self.findings if f.verdict == v) for v in ("bad", "look")
         }
         parts = [f"bad: {named['bad']}"] if named["bad"] else []
-        parts += [f"deserves a look: {named['look']}"] if named["look"] else []
-        return "; ".join(parts) or "nothing wrong was found"
+        parts += [f"check: {named['look']}"] if named["look"] else []
+        return "; ".join(parts) or "no fault"
 
     def lines(self) -> list[str]:
         """Return the page for people, line by line."""

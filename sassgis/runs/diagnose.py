@@ -100,12 +100,12 @@ MAP_NAME = "map"
 #: Models that are handed over, whole, for measuring on other rocks.
 ENSEMBLE = "model/ensemble.json"
 _NOT_THE_LAW = (
-    "another law of the contact closes more on rocks left out, but not certainly more than other "
-    "values of the ground might"
+    "another contact law closes more of the gap on held-out rocks, but other ground values might "
+    "close as much"
 )
 _ATYPICAL = (
-    "The calibrated base model is farther from these observations than at any synthetic site. The "
-    "probabilities of the causes may be wrong here."
+    "The calibrated base model fits these observations worse than those of any synthetic site. "
+    "The probabilities of the causes may be wrong here."
 )
 
 

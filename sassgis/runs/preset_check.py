@@ -25,7 +25,7 @@ _ALIKE = 20.0
 
 @dataclass(frozen=True, slots=True)
 class PresetReport:
-    """A preset that was read, and what deserves a look."""
+    """A preset that was read, and what to check."""
 
     preset: HazardPreset
     notes: tuple[str, ...]

@@ -19,7 +19,7 @@ from sassgis.hazard.design import arrivals, motion_warnings, value_at_rate
 from sassgis.hazard.object_values import ObjectValues, object_values
 from sassgis.hazard.risk import RiskTable
 from sassgis.hazard.sources import ReachAngles, Sampled, reach_angles, sampled_sources
-from sassgis.hazard.warnings import ground_shares
+from sassgis.hazard.warnings import first_warnings, ground_shares
 from sassgis.hazard.zoning.applied_edits import shares_text
 from sassgis.inputs.dem import read_base_map
 from sassgis.inputs.result_folder import EDITS_FILE, RESULT_FILE, ZONE_FILE
@@ -46,7 +46,6 @@ from sassgis.report.page import (
     ReportContext,
     ReportFigure,
     ReportTable,
-    first_warnings,
     sensible,
     translated_report,
     write_report,

@@ -33,8 +33,8 @@ from sassgis.terrain.prepare import Plan, plan
 SAVE_EVERY_S = 60.0
 
 _CHANGED = (
-    "{} has changed since it was read. The result is from the former file. The digest in "
-    "manifest.json is that of the present file."
+    "{} changed after it was read. The result comes from the former version; the digest in "
+    "manifest.json is that of the present one. Run again."
 )
 #: Times that files are read, if they change meanwhile.
 _READINGS = 3

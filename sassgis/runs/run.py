@@ -53,8 +53,8 @@ if TYPE_CHECKING:
     from sassgis.runs.publish import Published
 
 _AUTO = (
-    'hazard.blocks = "auto" is for zone and batch: run simulates {} blocks of each scenario at '
-    "each release point (release.rocks_per_point)."
+    'hazard.blocks = "auto" applies to zone and batch. run simulates {} blocks of each scenario '
+    "at each release point (release.rocks_per_point)."
 )
 
 

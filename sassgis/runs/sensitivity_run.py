@@ -164,10 +164,7 @@ def _simulated(
 
 
 def _warnings(rules: Rules | None, ranges: Sequence[ParameterRange]) -> tuple[str, ...]:
-    text = (
-        "The configuration states no onset frequency. Reach and energy are compared, levels are "
-        "not."
-    )
+    text = "The configuration states no onset frequency, so that hazard levels are not compared."
     out = [text] if rules is None else list(rule_warnings(rules.preset, rules.frequencies))
     assumed = sum(not r.verified for r in ranges)
     if assumed:

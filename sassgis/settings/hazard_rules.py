@@ -318,8 +318,8 @@ class HazardSettings(Section):
 
     preset: Annotated[
         Preset,
-        "rules for intensity and level: a built-in preset (ch-so, ti), or a "
-        "TOML file of your own (docs/presets.md)",
+        "rules for intensity and level: a built-in preset (ch-so, ti) or a TOML file "
+        "(docs/presets.md)",
     ] = "ch-so"
     frequencies: Annotated[
         InputFile | None,
@@ -340,21 +340,21 @@ class HazardSettings(Section):
     confidence: Annotated[
         float,
         Interval(ge=0.5, le=0.9999),
-        "probability that another sample of blocks gives a place no lower level, and none that is "
-        "higher, from which on its level is called certain",
+        "probability that another random seed gives a place no lower level, and likewise no "
+        "higher one, from which its level counts as certain",
     ] = 0.95
     blocks: Annotated[
         Literal["given", "auto"],
-        "how many blocks are simulated; given: release.rocks_per_point at each point; auto: more, "
-        "until another sample would change the level on no more than changed_share_max of the "
-        "zoned area and of the levels on average, most of them at points from which blocks reach "
-        "places of uncertain level",
+        "number of simulated blocks; given: release.rocks_per_point at each point; auto: more, "
+        "until another random seed would change the level on at most changed_share_max of the "
+        "zoned area and of the levels on average; most of them start at points from which blocks "
+        "reach places of uncertain level",
     ] = "given"
     changed_share_max: Annotated[
         float | None,
         Interval(gt=0, lt=1),
         'with blocks = "auto": largest share of the zoned area, and of the levels on average, '
-        "whose level another sample of as many blocks may change; default: 0.02",
+        "whose level may change with another random seed; default: 0.02",
         Renamed("uncertain_share_max"),
         Example(0.02),
     ] = None
@@ -367,17 +367,17 @@ class HazardSettings(Section):
     minutes_max: Annotated[
         float | None,
         Interval(gt=0),
-        'with blocks = "auto": about how long blocks are simulated at most; default: 60 (minutes)',
+        'with blocks = "auto": approximate limit of the simulation time; default: 60 (minutes)',
         Example(60.0),
     ] = None
-    by_source: Annotated[bool, "whether intensities are also written for each release area"] = True
-    compare_barriers: Annotated[
-        bool, "whether the zones are also made without walls and nets, and compared"
-    ] = True
+    by_source: Annotated[bool, "also write intensities for each release area"] = True
+    compare_barriers: Annotated[bool, "also make the zones without walls and nets, and compare"] = (
+        True
+    )
     assessed: Annotated[
         InputFile | None,
-        "polygons of the area that was assessed completely (federal model); without it the whole "
-        "terrain model is declared as still to be clarified",
+        "polygons of the completely assessed area (federal model); without it the whole terrain "
+        "model counts as still to be clarified",
         Example("perimeter.gpkg"),
     ] = None
     assessed_layer: Annotated[
@@ -398,7 +398,7 @@ class HazardSettings(Section):
         for key in ("changed_share_max", "blocks_max", "minutes_max"):
             if self.blocks != "auto" and getattr(self, key) is not None:
                 raise ConfigError(
-                    "says how many blocks to simulate, which nobody asked for",
+                    'applies only with blocks = "auto"',
                     field=key,
                     expected='hazard.blocks = "auto" as well',
                 )

@@ -9,6 +9,7 @@ as it is: names that the user gave, sources of values.
 from __future__ import annotations
 
 import json
+from collections import defaultdict
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from contextvars import ContextVar
@@ -31,6 +32,8 @@ class Phrase(str):
     key: str
     parts: tuple[object, ...]
     named: Mapping[str, object]
+    #: Of a counted text: the key for one, for several, and their number.
+    forms: tuple[str, str, int] | None = None
 
     def __str__(self) -> str:
         # Figures and frames take str() of a text.
@@ -46,6 +49,19 @@ def phrase(key: str, *parts: object, **named: object) -> Phrase:
     return text
 
 
+def counted(n: int, one: str, several: str, *parts: object) -> Phrase:
+    """Return the text for one or for several things; each language chooses by its plural rule."""
+    text = phrase(one if n == 1 else several, *parts)
+    text.forms = one, several, n
+    return text
+
+
+def like_phrase(text: T, others: Phrase) -> T:
+    """Give a text of a class of phrases the key and parts of another one."""
+    vars(text).update(vars(others))
+    return text
+
+
 def named(name: str) -> Phrase:
     """Return a name that the user gave: it stays, also where it is a word of the program."""
     return phrase("{}", name)
@@ -53,9 +69,7 @@ def named(name: str) -> Phrase:
 
 def in_english(text: str, others: Phrase) -> Phrase:
     """Return a text in English, and a phrase that represents it in the other languages."""
-    made = Phrase(text)
-    made.key, made.parts, made.named = others.key, others.parts, others.named
-    return made
+    return like_phrase(Phrase(text), others)
 
 
 def joined(separator: str, parts: Iterable[object]) -> Phrase:
@@ -70,10 +84,8 @@ class Capital(Phrase):
 
 def capital(text: str) -> Phrase:
     """Return a text with its first letter as a capital."""
-    own = phrase(text)
-    made = Capital(own[:1].upper() + own[1:])
-    made.key, made.parts, made.named = own.key, own.parts, own.named
-    return made
+    plain = phrase(text)
+    return like_phrase(Capital(plain[:1].upper() + plain[1:]), plain)
 
 
 def all_of(parts: Iterable[str]) -> Phrase:
@@ -106,8 +118,12 @@ def translated(text: str) -> str:
     def part(value: Any) -> Any:
         return translated(value) if isinstance(value, Phrase) else value
 
+    catalogue = translations(language)
     key = text.key if isinstance(text, Phrase) else text
-    key = translations(language).get(key, key) if key else key
+    if isinstance(text, Phrase) and text.forms:
+        one, several, n = text.forms
+        key = several if (n > 1 if "plural=(n > 1)" in catalogue[""] else n != 1) else one
+    key = catalogue.get(key, key) if key else key
     if not isinstance(text, Phrase):
         return key
     if text.parts or text.named:
@@ -135,12 +151,14 @@ def translations(language: Language) -> dict[str, str]:
     file = resources.files("sassgis").joinpath("data", "languages", f"{language}.po")
     entries: dict[str, str] = {}
     for entry in file.read_text(encoding="utf-8").split("\n\n"):
-        texts = {"msgid": "", "msgstr": ""}
+        texts: dict[str, str] = defaultdict(str)
         name = ""
         for line in entry.splitlines():
             if line.startswith("msg"):
                 name, _, line = line.partition(" ")
             if line.startswith('"'):
                 texts[name] += json.loads(line)
-        entries[texts["msgid"]] = texts["msgstr"]
+        entries[texts["msgid"]] = texts["msgstr"] or texts["msgstr[0]"]
+        if "msgid_plural" in texts:
+            entries[texts["msgid_plural"]] = texts["msgstr[1]"]
     return entries

@@ -211,8 +211,8 @@ class MapRun:
         """In words: how blocks leave the fall line."""
         if self.followed:
             return phrase(
-                "each block may change its direction at impacts and while it rolls (sideways tilt "
-                "{}°, drift {}°)",
+                "blocks change direction at impacts and while rolling (lateral tilt {}°, drift "
+                "{}°)",
                 f"{self.engine.side_tilt_deg:g}",
                 f"{self.engine.drift_deg:g}",
             )

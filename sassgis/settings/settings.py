@@ -51,7 +51,7 @@ class ProjectSettings(Section):
     ] = None
     checked_by: Annotated[
         Text | None,
-        "who has checked the result; without it sheets and report say that it is a draft",
+        "who has checked the result; without it sheets and report are marked as a draft",
         Example("B. Name, Office"),
     ] = None
     checked_on: Annotated[Text | None, "date of that check", Example("2026-02-28")] = None
@@ -62,7 +62,8 @@ class ProjectSettings(Section):
         Example("base_map.tif"),
     ] = None
     language: Annotated[
-        Language, "of legends, map sheets, figures and report: English, German, French, Italian"
+        Language,
+        ("language of legends, map sheets, figures and report: English, German, French, Italian"),
     ] = "en"
 
     def _fits_together(self) -> None:
@@ -99,19 +100,17 @@ class TerrainSettings(Section):
     ] = None
     crs: Annotated[
         Text | None,
-        "coordinate system where the DEM states none, e.g. EPSG:2056, or 'local'",
+        "coordinate system if the DEM states none, e.g. EPSG:2056, or 'local'",
         Example("EPSG:2056"),
     ] = None
-    override_crs: Annotated[
-        bool, "use crs although the DEM states another system, where that one is wrong"
-    ] = False
+    override_crs: Annotated[bool, "use crs although the DEM states another (wrong) system"] = False
     vertical_datum: Annotated[
-        Text | None, "name of the height system where the DEM states none", Example("LN02")
+        Text | None, "name of the height system if the DEM states none", Example("LN02")
     ] = None
     smoothing_m: Annotated[
         float,
         Interval(ge=0, le=200),
-        "scale of the terrain that steers fall lines: Gaussian standard deviation (m)",
+        "smoothing of the terrain for fall lines: Gaussian standard deviation (m)",
     ] = 5.0
     segment_tolerance_m: Annotated[
         float, Interval(ge=0, le=100), "largest vertical gap between terrain and segments (m)"
@@ -174,7 +173,8 @@ class ReleaseSettings(Section):
         float, Interval(gt=0, le=10_000), "distance between release points (m)"
     ] = 5.0
     placement: Annotated[
-        Literal["grid", "random"], "how points are laid out: on a grid, or at random as densely"
+        Literal["grid", "random"],
+        "layout of the points: on a grid, or at random with the same density",
     ] = "grid"
     rocks_per_point: Annotated[
         int, Interval(ge=1, le=1_000_000), "blocks released at each release point"
@@ -187,7 +187,7 @@ class ReleaseSettings(Section):
 class GroundSettings(Section):
     """The kind of ground of each cell."""
 
-    default: Annotated[Name, "class where no file names another"] = "debris"
+    default: Annotated[Name, "ground class outside the polygons or the raster"] = "debris"
     file: Annotated[
         InputFile | None, "polygons or a raster of ground classes", Example("ground.gpkg")
     ] = None
@@ -195,12 +195,12 @@ class GroundSettings(Section):
     class_field: Annotated[Text, "attribute with the class names"] = "class"
     classes: Annotated[
         InputFile | None,
-        "own class table (CSV or TOML), added to the built-in one or overriding it",
+        "table of ground classes (CSV or TOML) that adds to the built-in ones or replaces them",
         Example("classes.csv"),
     ] = None
     ranges: Annotated[
         InputFile | None,
-        "own table of the spread of ground classes between sites (CSV), before the built-in one",
+        "table of the spread of ground classes between sites (CSV); replaces built-in values",
         Example("class_spread.csv"),
     ] = None
     raster_classes: Annotated[
@@ -258,7 +258,7 @@ class BlockSettings(Section):
     onset_frequency: Annotated[
         float | None,
         Interval(ge=0, le=1e6),
-        "how often a block of this scenario is released",
+        "onset frequency of blocks of this scenario",
         Example(0.1),
     ] = None
     onset_unit: Annotated[
@@ -378,7 +378,7 @@ class BarrierSettings(StationSettings):
     capacity_kj: Annotated[
         float | None,
         Interval(gt=0),
-        "energy that it absorbs (kJ); without a value it stops every block that hits it",
+        "energy capacity (kJ); without a value the barrier stops every block that hits it",
         Example(2000.0),
     ] = None
     capacity_kj_field: FieldName = None
@@ -405,7 +405,7 @@ class BarrierSettings(StationSettings):
     cushion_kpa_field: FieldName = None
     restarts_from_rest: Annotated[
         bool,
-        "whether blocks that it has stopped start again from rest, as below some nets",
+        "whether stopped blocks start again from rest, as below some nets",
         Renamed("lets_go"),
     ] = False
 
@@ -623,8 +623,8 @@ class RunSettings(Section):
     ground_uncertainty: Annotated[
         int,
         Interval(ge=0, le=10_000),
-        "of run and zone: how often all blocks are simulated once more, with values of the ground "
-        "classes that are drawn from their spread between sites; 0: no bands",
+        "of run and zone: number of further simulations of all blocks with values of the ground "
+        "classes drawn from their spread between sites; 0: no bands",
     ] = 0
 
 

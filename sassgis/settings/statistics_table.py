@@ -224,8 +224,8 @@ STATISTICS = (
     Statistic(
         stem="stops", title="Deposited blocks", unit="blocks", label="Blocks that stop in the cell",
         bands=("stops",),
-        note="Number of blocks that come to rest in the cell or are stopped by a barrier there. "
-        "Blocks that never started are not among them.",
+        note="Number of blocks that come to rest in the cell or are stopped there by a barrier, "
+            "without blocks that never started.",
         meaning="number of blocks that stop in the cell, at rest or at a barrier; not those that "
         "never started",
         breaks=(0, 3, 10, 30, 100), ramp="Blues",

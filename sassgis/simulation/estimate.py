@@ -71,25 +71,25 @@ class RunEstimate:
     def lines(self) -> list[str]:
         """Return the estimate for people, line by line."""
         free = memory_bytes()
-        more = f" (zones: up to {self.more} times as many)" if self.more > 1 else ""
+        more = f" (for zones up to {self.more} times as many)" if self.more > 1 else ""
         room = "" if free is None else f"; {free / 1e9:.3g} GB are free"
         return [
             f"estimate       {self.blocks} blocks{more}, {self.points} release points, "
             f"{self.cells} cells",
-            f"               memory {short(sum(self.need.values()) / 1e9)} GB and "
-            f"{self.per_reached / 1e3:.1f} kB for each cell that blocks come to{room}",
+            f"               memory {short(sum(self.need.values()) / 1e9)} GB plus "
+            f"{self.per_reached / 1e3:.1f} kB per reached cell{room}",
             f"               time of run {_spoken(self.seconds)}{self._time_of_zone()}, on "
-            f"{self.cores} core(s); on long slopes, with effects and on slower machines several "
-            "times that",
-            f"               maps {short(self.map_bytes / 1e6)} MB before they are compressed; a "
-            f"table of blocks {self.blocks} rows",
+            f"{self.cores} core(s); several times longer on long slopes, with effects or on slow "
+            "machines",
+            f"               maps {short(self.map_bytes / 1e6)} MB uncompressed; a table of blocks "
+            f"would have {self.blocks} rows",
         ]
 
     def _time_of_zone(self) -> str:
         if self.zone_seconds is None:
             return ""
         least, most = map(_spoken, self.zone_seconds)
-        span = f"{least} to {most}, by the blocks that the levels need"
+        span = f"{least} to {most}, depending on the blocks that the levels need"
         return f"; of zone {least if least == most else span}, drawing included"
 
 

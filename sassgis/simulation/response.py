@@ -154,7 +154,7 @@ class ToleranceCheck:
         if not large:
             return []
         text = (
-            "Results depend on terrain.segment_tolerance_m ({} m): {} (a sample of {} blocks). "
-            "Reduce it until half the value changes little."
+            "Results depend on terrain.segment_tolerance_m ({} m): {} (sample of {} blocks). "
+            "Reduce it until halving it changes little."
         )
         return [phrase(text, f"{self.tolerance_m:g}", joined(", ", large), self.blocks)]

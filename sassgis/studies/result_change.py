@@ -38,7 +38,7 @@ ENERGY_MEAN = "energy (95 % quantile), mean over the cells reached by both"
 HEIGHT_MEAN = "passing height (95 % quantile), mean over the cells reached by both"
 SEED_SHARE = "share that changes level with another random seed"
 #: What would be more by both results counts each by itself.
-BY_ONE_ONLY = "area reached by one of them only"
+BY_ONE_ONLY = "area reached in one result only"
 _RUNOUT = dict(
     zip(
         RUNOUT_COUNTS,
@@ -209,7 +209,7 @@ def compared_maps(before: StoredResult, after: StoredResult) -> tuple[ComparedMa
 def levels_differ(before: StoredResult, after: StoredResult) -> str:
     """State why hazard levels cannot be compared; empty if they can."""
     if LEVEL.stem not in before.maps or LEVEL.stem not in after.maps:
-        return "Hazard levels are not compared, because not both results have them."
+        return "Hazard levels are not compared, because one of the results has none."
     levels = [_levels(r) for r in (before, after)]
     same_preset = before.manifest["preset"] == after.manifest["preset"]
     if len(levels[0]) != len(levels[1]) or not all(

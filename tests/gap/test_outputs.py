@@ -166,7 +166,7 @@ def test_what_is_seen_and_closes_nothing_is_said_so(made: Made) -> None:
     assert verdict_sentence(diagnosis) == ""
     nothing = replace(diagnosis.shrinkage, value=-0.1)
     said = verdict_sentence(replace(diagnosis, shrinkage=nothing))
-    assert said == "Adding the effect does not close the gap on rocks left out."
+    assert said == "Adding the effect does not close the gap on held-out rocks."
     unsure = replace(diagnosis.shrinkage, value=0.1, ci95=(-0.1, 0.3))
     said = verdict_sentence(replace(diagnosis, shrinkage=unsure))
     assert said.startswith("It is not certain that adding the effect closes the gap")
@@ -537,7 +537,7 @@ def test_comments_say_where_the_model_comes_from(made: Made, tmp_path: Path) -> 
 
 def test_what_is_named_and_not_recommended_is_said_apart(made: Made, tmp_path: Path) -> None:
     named = with_trees(made[1])
-    why = "no certain gain on rocks left out by trees beyond calibrated ground"
+    why = "no certain gain on held-out rocks: trees over calibrated ground"
     apart = replace(
         named, effect=named.base, advice=replace(named.advice, recommended="ground", why=why)
     )
@@ -598,14 +598,14 @@ def test_the_answer_comes_first_with_its_uncertainty(written: Path) -> None:
     words = words_of(written / "report.html")
     told = (
         "In the run-out simulated blocks stop 12 % too far.",
-        "These data do not separate it from: soft ground.",
+        "These data do not distinguish it from: soft ground.",
         "Trees: 71 % Soft ground: 19 % Unknown or not testable with these data: 9 %",
         "Speeds of rocks of different mass in the stand.",
-        "Where the gap lies as configured",
+        "Where the gap lies with the configured model",
         "3 of 11 comparisons are significant after adjustment for their number",
         "Speed at S2",
         "Where the gap lies after calibration",
-        "closes 74 % of the gap that calibration leaves beyond chance (95 % interval 60 % to 85 %)",
+        "74 % of the gap that remains beyond chance after calibration (95 % interval 60 % to 85 %)",
         "No turns in plan",
         "Figure 2.",
         "Table 1.",
@@ -619,11 +619,11 @@ def test_the_answer_comes_first_with_its_uncertainty(written: Path) -> None:
 @pytest.mark.parametrize(
     ("language", "words"),
     [
-        ("de", ("Bäume: 71 %", "Wo die Abweichung liegt, wie konfiguriert",
+        ("de", ("Bäume: 71 %", "Wo die Abweichung des konfigurierten Modells liegt",
                 "Geschwindigkeit bei S2: beobachtet", "Kalibrierte Modelle", "Ausbruch-S1"),
         ),
-        ("fr", ("Arbres: 71 %", "Où se situe l'écart selon la configuration",
-                "Vitesse à S2: observé", "Modèles calibrés", "départ-S1"),
+        ("fr", ("Arbres\u00a0: 71 %", "Où se situe l'écart du modèle configuré",
+                "Vitesse à S2\u00a0: observé", "Modèles calibrés", "départ-S1"),
         ),
     ],
 )  # fmt: skip
@@ -672,10 +672,12 @@ def test_a_scale_of_speeds_that_is_named_is_told(few_case: Case) -> None:
     )  # fmt: skip
     verdict = replace(made.verdict, effect="measurement_error")
     said = verdict_sentence(replace(made, verdict=verdict, which=(own,)))
-    assert "It is in the observations, not in the model." in said
-    assert "Observed speeds are 1.13 times those that fit (95 %: 1.01" in said
+    assert "This error lies in the observations." in said
+    assert "Observed speeds are 1.13 times the speeds that fit the other data (95 %: 1.01" in said
     unsure = replace(own, intervals={"scale": (0.97, 1.21)})
-    assert "times those" not in verdict_sentence(replace(made, verdict=verdict, which=(unsure,)))
+    assert "times the speeds" not in verdict_sentence(
+        replace(made, verdict=verdict, which=(unsure,))
+    )
 
 
 def test_what_is_possible_beside_an_unknown_cause_is_told(few_case: Case) -> None:

@@ -43,7 +43,7 @@ def test_what_happened_to_blocks_and_lines_is_told_with_its_number() -> None:
     progress.lines.append(ends)
     said = simulation_warnings(run, progress)
     beginnings = (
-        "1 of 2 fall lines run into nodata", "22 % of the blocks left the terrain model",
+        "1 of 2 fall lines runs into cells", "22 % of the blocks left the terrain model",
         "10 % of the blocks never started", "Blocks not simulated", "No block starts in these",
         "No block reaches: net.",
     )  # fmt: skip
@@ -75,7 +75,7 @@ def test_lines_without_a_width_are_told() -> None:
 
 def test_sources_that_never_release_are_named() -> None:
     texts = rule_warnings(swiss(), {("A", "small"): 0.0, ("A", "big"): 0.1, ("B", "big"): 0.0})
-    assert texts[-1] == "Onset frequency 0, no hazard: A / small, B / big."
+    assert texts[-1] == "Onset frequency 0: A / small, B / big. These sources add no hazard."
     assert [isinstance(text, SetUp) for text in texts] == [True] * (len(texts) - 1) + [False]
     assert not [t for t in rule_warnings(swiss(), {("A", "big"): 0.1}) if "Onset" in t]
 

@@ -249,7 +249,7 @@ def test_objects_nets_areas_and_paths_can_be_asked(
     house = found["object </script><b>house"]
     years = float(re.search(r"Hits\s+once in ([\d.]+) years", house)[1])  # type: ignore[index]
     assert years == pytest.approx(1.0 / risk.of_object("hits")[0], rel=0.01)
-    assert "How often blocks come here" in house
+    assert "Frequency of blocks here" in house
     assert re.search(r"Capacity\s+500 kJ", found["net net"])
     assert re.search(r"30 years\s+[\d.–]+ kJ, [\d.–]+ m high", found["net net"])
     north = found["release north"]
@@ -260,7 +260,7 @@ def test_objects_nets_areas_and_paths_can_be_asked(
     assert "Path of a block: " in about and not hidden
     ending = r"block above the ground [\d.]+ m; speed [\d.]+ m/s"
     assert re.fullmatch(rf"chainage \d+ m; ground at \d+ m; {ending}", where)
-    assert found["clicked"] and "No simulated block comes here." in found["nothing"]
+    assert found["clicked"] and "No simulated block arrives here." in found["nothing"]
     assert "kJ" in found["legend"] and re.fullmatch(r"#-?[\d.]+,-?[\d.]+", found["hash"])
 
 
@@ -393,7 +393,7 @@ def test_a_run_without_zones_says_what_comes(
     text = opened(
         tmp_path / "out" / "map.html", f"ask({x[0]}, {y[0]}); return get('found').innerText;"
     )
-    assert "Simulierte Blöcke, die hierher kommen" in text and "Gefahrenstufe" not in text
+    assert "Simulierte Blöcke, die hier ankommen" in text and "Gefahrenstufe" not in text
     blocks = re.search(r"Simulierte Blöcke\s+(\d+)", text)
     assert blocks is not None and int(blocks[1]) == int(np.nanmax(result.maps.passages))
 

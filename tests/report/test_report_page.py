@@ -107,7 +107,7 @@ def test_full_report_says_everything_the_answer_first_and_then_the_warnings() ->
     assert base64.b64decode(inside) == PNG and page.count("base64,") == 1
     order = [
         "Bedrina 1 100 000 rocks", "A. Author · 2026-01-31", "Figure 1. Run-out.",
-        "Where rocks end.", "In short", "Energy at objects 12 kJ", "Read this first",
+        "Where rocks end.", "In short", "Energy at objects 12 kJ", "Check before use",
         "12 rocks left the profile", "Contents Main results What was computed Tables Stations",
         "Over the rocks that pass.", "What was computed", "Table 1. Stations",
         "How to repeat this run",

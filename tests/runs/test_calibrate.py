@@ -94,7 +94,7 @@ def test_what_is_written_can_be_run_and_says_where_it_comes_from(case: Path, don
 def test_the_report_is_in_the_language_of_the_project(done: Path) -> None:
     page = (done / "report.html").read_text().partition("<body>")[2]
     shown = html.unescape(re.sub("<[^>]*>", " ", page))
-    assert "Kalibrierte Bodenklassen" in shown and "an weggelassenen Blöcken" in shown
+    assert "Kalibrierte Bodenklassen" in shown and "an Validierungsblöcken" in shown
     assert not re.findall(r"\b(?:[Tt]he|of|to|and|rocks|before|after|is|by)\b", shown)
 
 

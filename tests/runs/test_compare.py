@@ -171,7 +171,7 @@ def test_the_report_says_first_what_changed(compared: Path) -> None:
 def test_a_result_and_itself(results: Any, tmp_path: Path, call) -> None:
     code, out, err = call("compare", results[0], results[0], "-o", tmp_path / "out")
     assert (code, err) == (0, "") and "(+0 %)" in out
-    table = numbers(tmp_path / "out").drop(("map", "", "area reached by one of them only"))
+    table = numbers(tmp_path / "out").drop(("map", "", "area reached in one result only"))
     assert (table["change"].dropna() == 0.0).all() and len(table) > 20
     assert np.nanmax(np.abs(bands(tmp_path / "out/maps/energy_change.tif")["change"])) == 0.0
     page = (tmp_path / "out" / "report.html").read_text(encoding="utf-8")

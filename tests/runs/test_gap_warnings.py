@@ -14,7 +14,9 @@ from sassgis.settings.ground import GroundTable
 def test_rocks_that_leave_the_terrain_are_told() -> None:
     assert edge_warnings(0.0, 0.009) == ()
     (said,) = edge_warnings(0.94, 0.0)
-    assert said.startswith("94 % of the rocks as configured and 0 % in the calibrated model reach")
+    assert said.startswith(
+        "94 % of the rocks of the configured model and 0 % of those of the calibrated"
+    )
 
 
 def test_rocks_that_passed_the_last_station_and_have_no_stop_are_told() -> None:

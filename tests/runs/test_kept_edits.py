@@ -55,7 +55,7 @@ def test_an_edit_is_kept_through_new_runs(case: Case, printed) -> None:
     case.blocks[0]["onset_frequency"], case.blocks[1]["onset_frequency"] = 1e-5, 1e-5
     case.write()
     said = printed("zone", case.config, "-o", case.folder / "again", "--edits", out / "edits.gpkg")
-    assert "Edited by hand: one place, below it another level is computed" in said
+    assert "Edited by hand: 1 place; at 1 of them the computed level has changed" in said
     again = gpd.read_file(case.folder / "again" / "edits.gpkg", layer="edits")
     assert again["computed"][0] == kept["computed"][0] != again["computed_now"][0]
     assert again["changed_share"][0] > 0.05

@@ -75,7 +75,7 @@ def test_maps_and_report_say_that_quantiles_of_few_blocks_are_low(small) -> None
     passages = small.band("passages", "passages")
     few = (passages < 20).sum() / np.isfinite(passages).sum()
     report = (small.folder / "report.html").read_text(encoding="utf-8")
-    says = f"Fewer than 20 blocks arrive in {100 * few:.0f} % of the cells that blocks reach."
+    says = f"Fewer than 20 blocks arrive in {100 * few:.0f} % of the reached cells."
     assert report.count(low) >= 2 and report.count(says) == 2
 
 

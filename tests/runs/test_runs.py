@@ -95,11 +95,11 @@ def test_a_budget_that_is_spent_is_told(tmp_path: Path) -> None:
     told = [w for w in result.run.warnings if "With another random seed" in w]
     assert len(told) == 1
     assert f"{100 * share:.1f} % of the zoned area" in told[0]
-    assert "is 1 %" in told[0] and "blocks_max" in told[0]
+    assert "limit of 1 %" in told[0] and "blocks_max" in told[0]
     report = (tmp_path / "out" / "report.html").read_text(encoding="utf-8")
     assert told[0] in report
-    repeated = f"repetitions: {result.run.run.repetitions}; blocks per release point in each: 8"
-    assert f"{result.run.n_blocks}, counted as " in report and repeated in report
+    repeated = f"{result.run.run.repetitions} repetitions, 8 blocks per release point in each"
+    assert f"{result.run.n_blocks} (weighted to " in report and repeated in report
 
 
 def test_a_time_that_is_spent_ends_it(tmp_path: Path) -> None:

@@ -15,6 +15,8 @@ import pytest
 
 from sassgis.settings.languages import (
     LANGUAGES,
+    Language,
+    counted,
     current_language,
     in_language,
     joined,
@@ -74,8 +76,16 @@ def test_no_phrase_is_missing() -> None:
         for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
             match node:
                 case ast.Call(ast.Name("phrase"), [ast.Constant(str(text)), *_]):
-                    words = re.findall(r"[a-z]{2,}", re.sub(r"{.*?}", "", text))
-                    assert text in known or not words, (file, text)
+                    texts = [text]
+                case ast.Call(
+                    ast.Name("counted"), [_, ast.Constant(str(one)), ast.Constant(str(more)), *_]
+                ):
+                    texts = [one, more]
+                case _:
+                    continue
+            for text in texts:
+                words = re.findall(r"[a-z]{2,}", re.sub(r"{.*?}", "", text))
+                assert text in known or not words, (file, text)
 
 
 def test_columns_and_layers_of_a_result_are_named_in_all_languages() -> None:
@@ -100,7 +110,7 @@ def test_columns_and_layers_of_a_result_are_named_in_all_languages() -> None:
         (phrase("Reference width {} m.", "10"), "Bezugsbreite 10 m."),
         # A part that is no phrase is a name, even where it is the name of something.
         (phrase("No block reaches: {}.", "net"), "Kein Block erreicht: net."),
-        (phrase("Blocks at {}", phrase("net")), "Blöcke bei Netz"),
+        (phrase("Passing blocks: {}", phrase("net")), "Passierende Blöcke: Netz"),
         (joined("; ", (phrase("station"), phrase("net"), "A")), "Station; Netz; A"),
         # Parts by name, one of them a phrase.
         (
@@ -121,6 +131,18 @@ def test_texts_in_german(text: str, words: str) -> None:
         assert translated(words) == words
         assert translated(pickle.loads(pickle.dumps(text))) == words
     assert translated(text) == english
+
+
+@pytest.mark.parametrize(
+    ("n", "language", "words"),
+    [(1, "en", "1 block of 9"), (0, "en", "0 of 9 blocks"), (0, "de", "0 von 9 Blöcken"),
+     (1, "de", "1 Block von 9"), (0, "fr", "0 bloc sur 9"), (2, "fr", "2 blocs sur 9"),
+     (1, "it", "1 blocco su 9"), (0, "it", "0 blocchi su 9")],
+)  # fmt: skip
+def test_each_language_counts_by_its_plural_rule(n: int, language: Language, words: str) -> None:
+    text = counted(n, "{} block of {}", "{} of {} blocks", n, 9)
+    with in_language(language):
+        assert translated(pickle.loads(pickle.dumps(text))) == words
 
 
 def test_the_language_ends_with_its_block() -> None:

@@ -85,7 +85,7 @@ def test_a_known_shift_gives_the_known_table() -> None:
     found = result_change(stored(block(2)), stored(block(3, 0.25)), NO_OBJECTS)
     area = found.row("map", "area reached")
     assert (area.before, area.after) == (24.0, 24.0)
-    alone = found.row("map", "area reached by one of them only")
+    alone = found.row("map", "area reached in one result only")
     assert (alone.before, alone.after) == (12.0, 12.0)
     reach = found.row("map", REACH_MEAN)
     assert reach.before == pytest.approx(6 * 0.5 / 9) and reach.after == pytest.approx(6 * 0.25 / 9)
@@ -110,7 +110,7 @@ def test_change_is_antisymmetric(a: int, b: int, p: float, q: float) -> None:
 def test_nothing_changes_from_a_result_to_itself() -> None:
     one = stored(block(2), error=0.1)
     found = result_change(one, one, NO_OBJECTS)
-    alone = "area reached by one of them only"
+    alone = "area reached in one result only"
     assert all(r.change == 0.0 for r in found.rows if r.quantity != alone)
     assert found.row("map", alone).before == 0.0 and found.differences == ()
     assert (found.higher_m2, found.lower_m2, found.certain_m2) == (0.0, 0.0, 0.0)

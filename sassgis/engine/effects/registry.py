@@ -62,14 +62,14 @@ _ROWS = (
     ),
     Effect(
         RockShape, "impact", "shape of the rocks",
-        "the shape of the rocks, which the plane ellipse does not know",
+        "the shape of the rocks, which the plane ellipse neglects",
     ),
     Effect(Fragmentation, "impact", "fragmentation", "blocks that break at impacts"),
     Effect(
         Entrainment, "impact", "entrainment", "blocks of the slope that passing rocks set in motion"
     ),
     Effect(
-        LateralDeflection, "path", "lateral deflection", "rocks that leave the fall line sideways"
+        LateralDeflection, "path", "lateral deflection", "rocks that leave the fall line laterally"
     ),
 )  # fmt: skip
 

@@ -55,7 +55,7 @@ class Identifiable:
     rocks: int
     unattributed: int  # blocks and passages that belong to none of the rocks
     quantities: tuple[Quantity, ...]
-    #: Sentences: what is missing, and what is therefore not identifiable.
+    #: Sentences: the missing data, and what they would identify.
     not_identifiable: tuple[str, ...]
     not_testable: str = ""  # causes that leave nothing in the given tables
 
@@ -99,7 +99,7 @@ def _missing_of_releases(observations: Observations, found: Identifiable) -> Ite
             "cannot be separated from one of the motion."
         )
     if not found.has("release_speed_mps"):
-        yield "No release speeds: a wrong initial speed can only be inferred from further down."
+        yield "No release speeds: a wrong initial speed shows only farther down the slope."
 
 
 def _missing_at_stations(observations: Observations, found: Identifiable) -> Iterable[str]:
@@ -124,17 +124,17 @@ def _missing_on_the_path(found: Identifiable) -> Iterable[str]:
             "ground, roughness and trees."
         )
     elif not found.has("spin_out_radps"):
-        yield "No spin before and after impacts: slip at the contact is not seen."
+        yield "No spin before and after impacts: slip at the contact cannot be detected."
     if not found.has("runout_m"):
         yield "No deposits: run-out, its spread and stopping are not compared."
     elif not (found.has("block_mass_kg") or found.has("block_volume_m3")):
-        yield "No sizes of deposited blocks: whether pieces sum up to their rock is not known."
+        yield "No sizes of deposited blocks: fragments cannot be added up to their rock."
     if not (found.has("lateral_m") or found.has("turn_deg") or found.has("path_m")):
-        yield "No lateral positions: lateral deflection is not visible."
+        yield "No lateral positions: lateral deflection cannot be detected."
     if not found.has("flight_fit"):
         yield (
             "No trajectories in time: air drag and a wrong time base or scale of the measurement "
-            "are not seen in flight."
+            "cannot be detected in flight."
         )
 
 
@@ -169,7 +169,7 @@ def _missing_of_rocks(observations: Observations) -> Iterable[str]:
         if len(missing) < len(_ERRORS):
             whose = phrase(" of {}", all_of(missing))
         yield phrase(
-            "Errors of measurement{} are not stated. An assumption separates the noise of the "
+            "Measurement errors{} are not stated. Assumed values separate the noise of the "
             "measurement from the scatter of the rocks.",
             whose,
         )
@@ -177,12 +177,12 @@ def _missing_of_rocks(observations: Observations) -> Iterable[str]:
 
 def _sample_size(rocks: int) -> str:
     if rocks == 0:
-        return "No rocks: nothing can be compared rock by rock."
+        return "No rocks: a comparison rock by rock is impossible."
     if rocks == 1:
         return "One rock: its scatter is unknown, and no gap can be distinguished from chance."
     return phrase(
-        "{} rocks cannot show gaps of the mean below {} standard deviations, or of a share of "
-        "half of the rocks below {} percentage points (power 80 %, level 5 %, one comparison).",
+        "{} rocks cannot show gaps of a mean below {} standard deviations, or gaps of a share "
+        "near one half below {} percentage points (power 80 %, level 5 %, one comparison).",
         rocks,
         f"{DETECTABLE / math.sqrt(rocks):.2f}",
         f"{100.0 * min(1.0, DETECTABLE * 0.5 / math.sqrt(rocks)):.0f}",
@@ -351,7 +351,7 @@ def _quantities(sample: Campaign, places: Sequence[str]) -> Iterator[tuple[str, 
         )
         # A rock without blocks to its name has none but itself.
         more = np.bincount(lying.rock[(lying.rock >= 0) & (lying.kind != WHOLE)], minlength=n)
-        yield "the number of pieces of each rock", more.astype(np.float64)
+        yield "the number of fragments of each rock", more.astype(np.float64)
     if hit is not None:
         yield from _impacts(hit, n)
 
@@ -363,7 +363,7 @@ def _impacts(hit: ImpactRows, n: int) -> Iterator[tuple[str, FloatArray]]:
     off = np.abs(kept - np.nanmedian(kept)) if kept.size else kept
     yield "the rebound at impacts", per_rock(kept, hit.rock, n)
     yield "the scatter of the rebound at impacts", per_rock(off, hit.rock, n)
-    yield "the speed along the ground before and after impacts", per_rock(slip, hit.rock, n)
+    yield "the tangential speed before and after impacts", per_rock(slip, hit.rock, n)
     yield "the spin after impacts", per_rock(hit.spin_out, hit.rock, n)
     yield "the turn of the path at impacts", per_rock(np.abs(hit.turn_deg), hit.rock, n)
 

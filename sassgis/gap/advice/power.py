@@ -160,7 +160,7 @@ def planned_case(run: MapRun, rocks: int, seed: int, file: Path) -> Case:
 
 
 def first_rocks(case: Case, n: int) -> Case:
-    """Return a planned case with its first rocks alone."""
+    """Return a planned case with only its first rocks."""
     fewer = case.observations.rocks.take(np.arange(n))
     return replace(
         case, observations=replace(case.observations, rocks=fewer), line=case.line[:n],
@@ -207,7 +207,7 @@ class PlannedCampaign:
 
 
 def in_tables(prints: Sequence[Fingerprint], tables: frozenset[str]) -> tuple[Fingerprint, ...]:
-    """Return fingerprints as they are where only some tables were recorded."""
+    """Return the fingerprints that remain if only some tables were recorded."""
     needed = {own.name: {*own.tables} for cause in CAUSES.values() for own in cause.statistics}
     seen = [one for one in prints if one.observable and needed[one.statistic] <= tables]
     p = holm_adjusted(stats.norm.sf([one.z for one in seen])) if seen else np.empty(0)
@@ -267,7 +267,7 @@ Run = Callable[
 def powers_of(causes: Sequence[str], run: Run) -> list[Power]:
     """Find what campaigns name, from many rocks and strong effects to few and weak ones.
 
-    What is not named of a stronger effect or with more rocks is not tried further.
+    Weaker effects and fewer rocks are skipped where a stronger effect or more rocks failed.
     """
     due = [PlannedTrial(name, _ORDER[-1], max(PLANNED_ROCKS)) for name in causes]
     found: dict[PlannedTrial, Power] = {}
@@ -326,9 +326,9 @@ class CampaignPower:
             " / ".join(numbers),
         )
         after = phrase(
-            "Rocks released at {}, {}; stations at {} m along the fall line. Each named in 4 of 5 "
-            "simulated campaigns with usual errors of measurement. A calibration may hide weak "
-            "effects.",
+            "Rocks released at {}, {}; stations at {} m along the fall line. Each effect is "
+            "named in 4 of 5 simulated campaigns with usual errors of measurement. A calibration "
+            "may hide weak effects.",
             f"{self.x:.0f}", f"{self.y:.0f}", ", ".join(f"{s:.0f}" for s in self.stations_m),
         )  # fmt: skip
         table = [

@@ -28,7 +28,7 @@ from sassgis.gap.words import (
     range_text,
 )
 from sassgis.grid import BoolArray, FloatArray, IntArray
-from sassgis.settings.languages import Phrase, all_of, capital, joined, named, phrase
+from sassgis.settings.languages import Phrase, all_of, capital, counted, joined, named, phrase
 
 
 def values_of(scale: Scale, rows: FloatArray, column: int) -> FloatArray:
@@ -148,7 +148,7 @@ def _interval(
 
 
 def worst_of(gaps: Sequence[ModelGap]) -> ModelGap | None:
-    """Return the surest relevant gap on the unsafe side, else on the safe side, else the first."""
+    """Return the most certain relevant gap, unsafe before safe; else the first."""
 
     def sureness(gap: ModelGap) -> float:
         return abs(gap.gap) / max(gap.ci95[1] - gap.ci95[0], 1e-9)
@@ -161,7 +161,7 @@ def worst_of(gaps: Sequence[ModelGap]) -> ModelGap | None:
 
 
 def shortfall(gaps: Sequence[ModelGap]) -> ModelGap | None:
-    """Return the surest gap by which a model falls far short; None if it does not."""
+    """Return the most certain gap by which a model falls far short; None if it does not."""
     return worst_of([gap for gap in gaps if gap.far_short])
 
 
@@ -198,7 +198,7 @@ def wrong_ground(case: Case, intervals: Mapping[str, Range]) -> tuple[str, ...]:
 
 
 def first_sentence(advice: Advice, ladder: Sequence[Rung], verdict: Verdict) -> Phrase:
-    """State where the configured model is off and why, how far and to which side; what to set."""
+    """State where the configured model errs, why, how far, to which side, and what to set."""
     gap = advice.configured
     because = [_cause(verdict, advice), *([] if advice.short else _shrinks(advice, ladder))]
     clauses = [text for text in because if text]
@@ -216,9 +216,9 @@ def first_sentence(advice: Advice, ladder: Sequence[Rung], verdict: Verdict) -> 
         mentioned.append(far)
     if advice.wrong_ground:
         names = all_of(map(named, advice.wrong_ground))
-        one = phrase("No usual values of the ground class {} fit.", names)
-        more = phrase("No usual values of the ground classes {} fit.", names)
-        said.append(one if len(advice.wrong_ground) == 1 else more)
+        one = "No usual values of the ground class {} fit."
+        more = "No usual values of the ground classes {} fit."
+        said.append(counted(len(advice.wrong_ground), one, more, names))
     said += _to_run(advice, ladder)
     if advice.short is None:
         said += _remains(advice, mentioned, verdict)
@@ -230,7 +230,7 @@ def _cause(verdict: Verdict, advice: Advice) -> Phrase:
     if verdict.named:
         text = "most likely because of {} ({} %)"
         if not {*verdict.effect.split("+")} <= {*advice.recommended.split("+")}:
-            # What does not certainly close the gap is no reason of it.
+            # An effect that does not certainly close the gap does not explain it.
             text = "the observations show {} ({} %)"
         return phrase(text, effect_phrase(verdict.effect), f"{100.0 * verdict.confidence:.0f}")
     if verdict.effect == NONE or not verdict.ranked:
@@ -252,7 +252,7 @@ def _shrinks(advice: Advice, ladder: Sequence[Rung]) -> list[Phrase]:
     if share is None:
         return []
     said = phrase(
-        "with {} the gap over all quantities shrinks by {} on rocks left out",
+        "with {} the gap over all quantities shrinks by {} on held-out rocks",
         file_has(advice.recommended),
         share,
     )
@@ -262,7 +262,7 @@ def _shrinks(advice: Advice, ladder: Sequence[Rung]) -> list[Phrase]:
 
 
 def _remains(advice: Advice, mentioned: Sequence[ModelGap], verdict: Verdict) -> list[Phrase]:
-    """Return what the recommended model leaves, beyond what is stated already."""
+    """Return the gaps that the recommended model leaves, except those stated already."""
     unsafe = worst_of([own for own in advice.left if own.counts and own.side == "unsafe"])
     both = (unsafe, _far_safe(advice.left))
     left = [_off_by(own, advice.left) for own in both if own not in (None, *mentioned) and own]
@@ -277,12 +277,12 @@ def _remains(advice: Advice, mentioned: Sequence[ModelGap], verdict: Verdict) ->
 
 
 def _far_safe(gaps: Sequence[ModelGap]) -> ModelGap | None:
-    """Return the surest gap that is far off on the safe side."""
+    """Return the most certain gap that is far on the safe side."""
     return worst_of([own for own in gaps if own.side == "safe" and own.is_far])
 
 
 def _shares(ladder: Sequence[Rung]) -> dict[str, Phrase]:
-    """Return what models close of the gap; a share whose interval holds zero may be chance."""
+    """Return the closed share of the gap by model, if its interval is above zero."""
     return {
         r.rung: _closed(r)
         for r in ladder
@@ -291,27 +291,28 @@ def _shares(ladder: Sequence[Rung]) -> dict[str, Phrase]:
 
 
 def _to_run(advice: Advice, ladder: Sequence[Rung]) -> list[Phrase]:
-    """State what is recommended, and why nothing more is."""
+    """State the recommendation, and why no further model is recommended."""
     why = [phrase("{}.", capital(advice.why))] if advice.why else []
     if advice.recommended == CONFIGURED:
         if advice.short is not None:
-            return [phrase("No tried model is recommended."), *why]
+            return [phrase("No tested model is recommended."), *why]
         return [phrase("Keep the configured ground."), *why]
     name = file_has(advice.recommended)
     if advice.short is not None:
         said = phrase(
-            "No tried model is recommended. With the nearest, {} (model/config.toml): {}.",
+            "No tested model is recommended. The nearest one is {} (model/config.toml); with it, "
+            "{}.",
             name,
             _off_by(advice.short, advice.left),
         )
         share = _shares(ladder).get(advice.recommended)
-        on_rocks = phrase("On rocks left out, it closes {} of the gap over all quantities.", share)
+        on_rocks = phrase("On held-out rocks, it closes {} of the gap over all quantities.", share)
         return [said, *([on_rocks] if share else []), *why]
     if advice.recommended == GROUND:
         return [*_what_to_set(advice), *why]
     apart = [n for n in advice.recommended.split("+") if n in CAUSES and CAUSES[n].of_data]
     if apart:
-        text = "{} is not part of the motion. The file does not contain it."
+        text = "{} concerns the data, so the file does not contain it."
         why = [phrase(text, capital(effect_name("+".join(apart)))), *why]
     return [phrase("Run model/config.toml (with {}).", name), *why]
 
@@ -398,8 +399,8 @@ def _no_difference(gap: ModelGap, advice: Advice) -> Phrase:
         for g in advice.compared
     )
     return phrase(
-        "As configured: no significant difference from {} rocks in {}. Observed less predicted "
-        "({} {}): {} {} (95 %: {} {}).",
+        "Configured model: no significant difference from {} rocks in {}. Observed minus "
+        "predicted ({} {}): {} {} (95 %: {} {}).",
         gap.rocks, all_of(compared), phrase(gap.statistic), quantity_name(gap.quantity),
         number_text(gap.gap), gap.unit, range_text(*gap.ci95), gap.unit,
     )  # fmt: skip

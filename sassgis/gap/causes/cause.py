@@ -1,4 +1,4 @@
-"""A cause of a gap as the diagnosis knows it: what it fits, and what the cause leaves behind.
+"""A cause of a gap in the diagnosis: its fitted parameters and its fingerprints.
 
 Besides, what the causes share: where parameters are drawn from, ground classes on which an effect
 may act, and residuals at contacts, on flights and reaches, and to the side.
@@ -190,7 +190,7 @@ class Cause:
 
     @property
     def words(self) -> tuple[str, str]:
-        """Its name in a sentence, and what it does."""
+        """Its name and its effect, for sentences."""
         if self.label:
             return self.label, self.summary
         return EFFECTS[self.name].label, EFFECTS[self.name].summary
@@ -211,7 +211,7 @@ def part_of(
 def fitted_alone(
     settings: type[EffectSection], fit: Fit
 ) -> Callable[[Case, ParameterDraws], CausePart]:
-    """Return draws of an effect of which nothing but the ranges is to be said."""
+    """Return draws of an effect within its ranges only."""
 
     def draw(case: Case, draws: ParameterDraws) -> CausePart:
         return part_of(settings, *fit.drawn(settings.name, draws))
@@ -312,7 +312,7 @@ def loss_of_flights(rows: StepTable) -> tuple[StepTable, FloatArray, FloatArray]
 def gaps_by_reach(residuals: ResidualTable, quantity: str) -> dict[str, FloatArray]:
     """Return gaps of a quantity by the name of the reach, (n_rocks,) each; Unseen without any.
 
-    Those of the speed are relative to what is predicted, so that fast reaches do not outweigh
+    Those of the speed are relative to the prediction, so that fast reaches do not outweigh
     others.
     """
     found = {}
@@ -396,6 +396,6 @@ def base_size(draws: FloatArray) -> FloatArray:
 
 
 def known_mean(values: FloatArray) -> float:
-    """Return the mean of what is known; NaN where nothing is."""
+    """Return the mean of the known values; NaN without any."""
     known = values[np.isfinite(values)]
     return float(known.mean()) if known.size else math.nan

@@ -3,7 +3,7 @@
 Rocks and blocks are ranked by mass, whatever they are called. Where rocks broke the blocks of their
 ranks are too light, and what they lack lies in blocks beyond the number of rocks. Where blocks were
 entrained there is more mass than came down. The null is that of only the errors of the masses.
-Rocks that nobody found may have broken or have left: unless what lies next to the others makes up
+Missing rocks may have broken or have left: unless blocks next to the others make up
 for them, both are possible. Pieces that bear the name of their rock show that it broke.
 """
 
@@ -107,7 +107,7 @@ def _score(which: int, rocks: FloatArray, blocks: FloatArray, error: float) -> S
 
 
 def _may_be_either(case: Case) -> bool:
-    """Return whether nameless blocks may be fragments of the few rocks that nobody found."""
+    """Return whether nameless blocks may be fragments of the few missing rocks."""
     seen = case.observations
     lost = float(_not_found(case).mean())
     few_lost = 0.0 < lost <= FEW_LOST_SHARE
@@ -151,7 +151,7 @@ def _gone(case: Case) -> NDArray[np.bool_]:
 
 
 def _unexplained(case: Case, left: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """Return rocks not found and not known to have left, unless fragments lie for them."""
+    """Return missing rocks that are not known to have left and have no fragments."""
     seen = case.observations
     owner = seen.rock_of("deposits")
     lost = _not_found(case) & ~left
@@ -168,7 +168,7 @@ def mass_budget(rocks: FloatArray, blocks: FloatArray) -> tuple[float, float]:
     released, lying = np.sort(rocks)[::-1], np.sort(blocks)[::-1]
     lacking = float(np.maximum(released - lying[:n], 0.0).sum())
     more = float(blocks.sum()) - total
-    # Of rocks that were not found the ranks lack as much as all blocks together. Five chips of a
+    # Of missing rocks the ranks lack as much as all blocks together. Five chips of a
     # kilogram are no fragments of them.
     broken = max(lacking - max(-more, 0.0), min(lacking, float(lying[n:].sum())))
     return broken / total, more / total

@@ -186,7 +186,7 @@ CAUSE = Cause(
     group="start",
     phase="release",
     label="error of the release",
-    summary="an error in where or how fast the rocks are taken to start, not in the motion below",
+    summary="an error in the stated place or speed of the release",
     draw=_draw,
     shown_by="first point of the path against the stated start; first contacts up or down the "
     "slope from those of the model, both by more than 1.5 m and the errors; contacts more than 3 m "

@@ -127,7 +127,7 @@ def calibration_task(
     rules: Sequence[RangeRule],
     seed: int,
 ) -> CalibrationTask:
-    """Return what is to be calibrated; ``rules`` say how values vary between sites."""
+    """Return the parameters to calibrate; ``rules`` give the variation of values between sites."""
     parameters: list[ClassParameter] = []
     for own in class_names:
         table = next(s.case.table for s in sites if own in s.case.table.names)
@@ -155,7 +155,7 @@ def run_trial(task: CalibrationTask, trial: Trial) -> Seen:
 
 @dataclass(frozen=True, slots=True)
 class SiteTask:
-    """Campaigns of a site at shares of the parameters; without them, as configured."""
+    """Campaigns of a site at shares of the parameters; without them, of the configured ones."""
 
     site: int
     shares: FloatArray | None
@@ -285,7 +285,9 @@ class SiteCalibration:
         if self.recommended:
             return phrase("Run the fitted classes: {}.", of_gain)
         if not np.isfinite(self.gain.value):
-            return "Keep the configured ground. There are too few rocks to predict left-out rocks."
+            return (
+                "Keep the configured ground. There are too few rocks for a test on held-out rocks."
+            )
         if worse:
             text = "Keep the configured ground. {}; they are worse at {}."
             return phrase(text, of_gain, worse)

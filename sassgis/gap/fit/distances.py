@@ -98,7 +98,7 @@ def bootstrap_interval(
 ) -> Interval:
     """Return 95 % interval of a statistic by resampling rocks (``scipy.stats.bootstrap``).
 
-    What is resampled are the numbers of the rocks; each brings all its rows.
+    Rock numbers are resampled; each brings all its rows.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Errors of a calibrated model, and what is wrong with calibrated values."""
+"""Errors of a calibrated model, and checks of calibrated values."""
 
 from __future__ import annotations
 
@@ -83,11 +83,11 @@ _NAMES = {
     "between_contacts": ("time between contacts", "s"),
     "hop_length_90": ("length of hops, 90 %", "m"),
     "hop_height_90": ("height of hops, 90 %", "m"),
-    "rim_ratio": ("surface speed over speed", ""),
-    "along": ("speed along the ground after impacts over the speed before", ""),
-    "normal": ("speed off the ground after impacts over the speed before", ""),
-    "turning": ("surface speed after impacts over the speed before", ""),
-    "energy": ("energy after impacts over that before", ""),
+    "rim_ratio": ("ratio of surface speed to speed", ""),
+    "along": ("ratio of the tangential speed after impacts to the speed before", ""),
+    "normal": ("ratio of the normal speed after impacts to the speed before", ""),
+    "turning": ("ratio of the surface speed after impacts to the speed before", ""),
+    "energy": ("ratio of the energy after impacts to that before", ""),
 }
 
 
@@ -153,7 +153,7 @@ def _errors(
 
 #: Built-in classes from hard to soft: ground on which nothing yields, loose blocks, soil.
 HARDNESS = (HARD, ("talus", "debris"), ("overgrown_slope", "forest_soil", "soft_meadow"))
-#: What harder ground has no less of (1) or no more of (-1), and what is said where it has.
+#: Harder ground has at least as much (1) or at most as much (-1) of these; the message if not.
 _ORDER = {
     "restitution": (1, "{} is harder than {} but has less restitution ({}, {})"),
     "mu_0": (-1, "{} is harder than {} but has more rolling friction ({}, {})"),
@@ -198,7 +198,7 @@ def findings_of(
 def gain_text(gain: Interval) -> str:
     """Return a gain of score in words."""
     ends = (gain.value, gain.low, gain.high)
-    text = "on rocks left out the fitted classes gain {} % ({} to {}) of the score"
+    text = "on held-out rocks the fitted classes improve the score by {} % ({} to {})"
     return phrase(text, *(f"{100.0 * v:.1f}".replace("-", "−") for v in ends))
 
 
@@ -215,7 +215,9 @@ def _against_order(fitted: Sequence[Fitted]) -> list[CalibrationFinding]:
             continue
         before = sign * (one.parameter.configured - other.parameter.configured) < 0.0
         said = phrase(text, *names, f"{one.value:.3g}", f"{other.value:.3g}")
-        said = phrase("{}, as configured." if before else "{}, unlike as configured.", said)
+        said = phrase(
+            "{}, as in the configuration." if before else "{}, unlike in the configuration.", said
+        )
         labels = one.parameter.label, other.parameter.label
         found.append(CalibrationFinding("order", labels, said))
     return found

@@ -256,7 +256,7 @@ class FittedHypothesis:
         return [draw_of(case, self.effect, self.space.shares(at)) for at in drawn]
 
     def intervals(self, case: Case) -> Mapping[str, Range]:
-        """Return 95 % intervals of the reported parameters, with what is handed over in them."""
+        """Return 95 % intervals of the reported parameters; they include recommended values."""
         chosen = self.handed_over.draw.parameters
         found = [chosen, *(one.parameters for one in self.samples(case, PARAMETER_SAMPLES))]
         out = {}

@@ -1,6 +1,6 @@
-"""Make a site ready for many campaigns: its rocks, what is compared of them, and their scores.
+"""Prepare a site for many campaigns: its rocks, the quantities compared, and their scores.
 
-A campaign releases all observed rocks once. What it shows is kept as one row per rock, from which
+A campaign releases all observed rocks once. Its result is one row per rock, from which
 it is scored against the rock that was observed, its stop, passages and contacts apart; each
 observed impact is scored by what the model makes of the state before it. The scores of a rock are
 added. A score is over the root of the number of its quantities, so that the tables count alike:

@@ -115,7 +115,7 @@ class HypothesisModel:
 
 
 def configured_model(case: Case, table: GroundTable | None = None) -> HypothesisModel:
-    """Return the model of a case as it is configured, or with another table of ground classes."""
+    """Return the configured model of a case, or one with another table of ground classes."""
     return HypothesisModel(case.table if table is None else table, moving_effects(case))
 
 
@@ -319,7 +319,7 @@ def _on_profiles(
         wood = lines.wood if model.stand is None else _stand(model.stand, middle)
     crossings = lines.control_lines
     offset, rows = gathered(crossings.offset, releases.rock)
-    # Ground goes on behind the stated start as far as this.
+    # Ground continues behind the stated start as far as this.
     first = lines.unforested.s[lines.unforested.offset[:-1]][releases.rock, None] + START_INSIDE_M
     done = simulate(
         repeated(lines.unforested if wood is None else lines.forested, releases.rock),

@@ -76,7 +76,7 @@ class Case:
     traces: TraceSet  # fall lines
     profiles: ProfileSet  # the same unrolled, with a lead-in of ground behind the start (s < 0)
     line: IntArray  # shape (n_rocks,); fall line of each of ``observations.rock_names``
-    #: Of each rock what is known as fixed values, the rest as the configuration draws it.
+    #: Of each rock known values are fixed; the configuration draws the others.
     blocks: tuple[BlockPopulation, ...]
     start: FloatArray  # shape (n_rocks, 2); limits of the chainage at which each starts (m)
     mass_kg: FloatArray  # shape (n_rocks,); as observed, NaN where unknown
@@ -423,7 +423,7 @@ class Campaign:
 
 @dataclass(frozen=True, slots=True)
 class Errors:
-    """How a motion is recorded: standard errors, stated or usual, and what is not seen."""
+    """How a motion is recorded: standard errors, stated or usual, and detection limits."""
 
     speed_rel: float = SPEED_ERROR_REL
     rotation_rel: float = ROTATION_ERROR_REL

@@ -88,7 +88,7 @@ def check_observations(
         partial(check_drops, drop_m=drop_m),
     )
     for check in checks:
-        # What one check leaves out is not found again by the next, under another name.
+        # A value that one check excludes is not reported again by the next.
         new = list(check(left, grid))
         found += new
         left = without(left, new)

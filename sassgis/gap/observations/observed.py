@@ -1,4 +1,4 @@
-"""All that was observed on a slope, how exactly, and what was found wrong with it."""
+"""All observations on a slope, their errors, and the faults of the tables."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ LeftOut = Literal["", "value", "row", "table"]
 class ObservationFinding:
     """Something about the observations that their owner should know."""
 
-    level: Level  # "error": wrong, and to be mended; "warning": usable, but deserves a look
+    level: Level  # "error": wrong, and to be mended; "warning": usable, to be checked
     problem: str
     # Where; empty where it does not apply.
     file: str = ""
@@ -216,7 +216,7 @@ def without(observations: Observations, findings: Iterable[ObservationFinding]) 
 class Rule:
     """A kind of fault."""
 
-    level: Level  # "error": wrong, and to be mended; "warning": usable, but deserves a look
+    level: Level  # "error": wrong, and to be mended; "warning": usable, to be checked
     problem: str  # it and ``expected`` may hold {words} that the check fills in
     column: str = ""  # where the fault is seen, if the check does not say
     expected: str = ""
@@ -348,7 +348,7 @@ def nearest_of(name: str, known: Sequence[str]) -> str:
 
 
 def stated_or(value: float, otherwise: float) -> float:
-    """Return the value that the metadata state, else what is usual or estimated."""
+    """Return the value that the metadata state, else a usual or estimated one."""
     return value if math.isfinite(value) else otherwise
 
 

@@ -390,7 +390,7 @@ def _rolled(
     case: Case, run: FreeRun, stretches: list[_Stretch], round_m: FloatArray
 ) -> list[_Piece]:
     """Return accelerations along the chainage on the ground, against those of the model's rocks."""
-    # Rocks may go on beyond the end of their fall line: there is no profile for them there.
+    # Rocks may continue beyond the end of their fall line, where they have no profile.
     last = case.profiles.s[case.profiles.offset[1:] - 1][case.line]
     stretches = [p for p in stretches if p.s0 < last[p.rock] - ROLLING_M]
     if not stretches:

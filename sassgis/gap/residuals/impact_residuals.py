@@ -324,7 +324,7 @@ def _after_rebound(
     inertia: FloatArray,
     before: FloatArray,
 ) -> dict[str, FloatArray]:
-    """Compute what is compared of v_t, v_n, ω after; ``before``: twice the energy per mass."""
+    """Compute the compared quantities of v_t, v_n, ω; ``before``: twice the energy per mass."""
     vt, vn, omega = (np.where(after[1] > REBOUND_MPS, v, np.nan) for v in after)
     with np.errstate(invalid="ignore", divide="ignore"):
         ratio = np.where(vt > ALONG_MPS, radius * omega / vt, np.nan)

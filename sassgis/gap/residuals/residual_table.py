@@ -313,7 +313,7 @@ def residuals_of(
 
 
 def fingerprint_residuals(case: Case, run: FreeRun) -> ResidualTable:
-    """Compare a case with replicates that are there already, in what fingerprints read alone."""
+    """Compare a case with existing replicates, only in the quantities of fingerprints."""
     rng = np.random.default_rng([run.seed, 31])
     rows = reach_residuals(case, observed_at_stations(case), run, reach_edges(case, run), rng=rng)
     return ResidualTable(run, tuple(rows), steps_of(case, run, rng))

@@ -265,7 +265,7 @@ def _parallel(
         clear = centre[rows, None] + vz[rows, None] * t - 0.5 * g * t * t - rise
         bad = (clear <= 0.0) | (x >= next_s[i] - 0.1) | (x <= sx[0] + 0.1) | (x >= sx[-1] - 0.1)
         bad[:, zero] = False
-        # Only what is joined to the station by flight.
+        # Only contacts that a flight joins to the station.
         ahead = np.logical_or.accumulate(bad[:, zero:], axis=1)
         behind = np.logical_or.accumulate(bad[:, zero::-1], axis=1)[:, ::-1]
         bad = np.concatenate([behind[:, :-1], ahead], axis=1)

@@ -150,8 +150,8 @@ def evidence_of_site(made: HypothesisFits) -> AddedCauses:
             draws.insert(0, HypothesisDraw(NONE, made.add(NONE).shares, 0, REPLICATES))
         if (left := first_adequate(made, draws)) is not None:
             note = phrase(
-                "The best calibration with a free contact leaves a significant and large gap. The "
-                "base model is therefore a calibration that the rocks do not exclude. Gaps by "
+                "The best calibration with a free contact leaves a significant and large gap. "
+                "The base model is therefore another calibration that the rocks allow. Gaps by "
                 "place refer to it."
             )
             findings, sound, law = left
@@ -175,8 +175,8 @@ def law_in_words(law: Sequence[Discrepancy]) -> str:
         for one in certain
     ]
     text = (
-        "Beyond calibration the law of motion differs from these rocks by a share that is alike on "
-        "the whole slope: {}. Causes are sought beyond that."
+        "After calibration the model differs from these rocks by the same share on the whole "
+        "slope: {}. The search for causes starts from there."
     )
     return phrase(text, joined(", ", said)) if said else ""
 
@@ -310,12 +310,15 @@ def verdict_of(
             effect = "+".join(sorted([first, second]))
             shrinkage = added.shrinkage(effect)
             reason = phrase(
-                "{}; with it in the model, a fingerprint of {} is left", reason, effect_key(second)
+                "{}; with it in the model, a fingerprint of {} remains", reason, effect_key(second)
             )
     elif effect == NONE:
         shrinkage = _nothing_added(added)
     elif first != NONE:
-        note = phrase("No effect is named. This is the bound for {}.", effect_key(first))
+        note = phrase(
+            "No effect is named. The share is a bound for {}.",
+            effect_key(first),
+        )
         shrinkage = replace(shrinkage, note=note)
     fitted = () if effect in (UNKNOWN, CONTACT_LAW) else added.fit(effect).models
     case = added.made.problem.case
@@ -337,7 +340,7 @@ def verdict_of(
 
 
 def _most_probable(shares: Mapping[str, float], gains: Mapping[str, CauseGain]) -> str:
-    """Return most probable cause, of several alike the one whose gain is surest; "none" without."""
+    """Return the most probable cause, with the most certain gain if equal; else "none"."""
     causes = [name for name in shares if name not in (NONE, UNKNOWN)]
     alike = [name for name in causes if shares[name] >= shares[causes[0]]]
     return max(alike, key=lambda n: gains[n].sureness if n in gains else 0.0, default=NONE)

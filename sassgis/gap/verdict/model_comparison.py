@@ -119,14 +119,14 @@ class Ladder:
         return (*out, Rung(FLOOR, floor))
 
     def recommended(self, *names: str) -> tuple[str, str]:
-        """Return the last model whose gain over the simpler ones clears zero, and why no other.
+        """Return the last model whose gain over the simpler ones is above zero, and why no other.
 
         A model must close certainly more (95 %, rocks left out) than the one that it is added to,
         and than the one that is recommended without it.
         """
         best, why = names[0], list[str]()
         if not self._found:
-            return best, "the observations allow no test on rocks left out"
+            return best, "the observations do not allow a test on held-out rocks"
         for name in names[1:]:
             gains = {
                 simpler: found
@@ -138,10 +138,10 @@ class Ladder:
                 best, why = name, []
                 continue
             simpler, _ = uncertain[-1]
-            why.append(phrase("by {} beyond {}", rung_name(name), rung_name(simpler)))
+            why.append(phrase("{} over {}", rung_name(name), rung_name(simpler)))
         if not why:
             return best, ""
-        nothing = phrase("no certain gain on rocks left out {}", joined(", ", why))
+        nothing = phrase("no certain gain on held-out rocks: {}", joined(", ", why))
         return best, nothing
 
 

@@ -1,4 +1,4 @@
-"""Findings of where the gap lies; tests of fingerprints; the cause, its group, what is confused.
+"""Findings by place; tests of fingerprints; the cause, its group and its rivals.
 
 A fingerprint is one number per rock (or per group of rocks); its z is that of the mean over the
 groups, with the errors of measurement, of the comparison, and of stated errors that may be wrong
@@ -408,16 +408,18 @@ def decide(
         # Such a cause is one also where the rocks come as far without it.
         if closes is None or closes > 0.0 or is_certain(prints, first, thresholds):
             sure = f"{min(shares[first], 0.99):.0%}"
-            reason = phrase("{} probable by its fingerprints", sure)
+            reason = phrase("probability {} from its fingerprints", sure)
             if closes is not None and closes > 0.0:
-                reason = phrase("{} probable by its fingerprints and by what it closes", sure)
+                reason = phrase(
+                    "probability {} from its fingerprints and from the gap that it closes", sure
+                )
             if first in best:
                 seen, z = phrase(best[first].statistic), f"{best[first].z:.1f}"
-                reason = phrase("{}; the surest of its own: {} (z = {})", reason, seen, z)
+                reason = phrase("{}; strongest fingerprint: {} (z = {})", reason, seen, z)
             return first, group_of(first), reason
         refused = phrase(
-            "the fingerprints are those of {}, but the effect closes none of the gap on rocks that "
-            "took no part in its calibration; ",
+            "the fingerprints point to {}, but the effect closes none of the gap on held-out "
+            "rocks; ",
             effect_key(first),
         )
     together = {g: group_probability(g, shares) for g in GROUPS}
@@ -426,19 +428,20 @@ def decide(
         return UNKNOWN, group, phrase("{}these data do not show the cause of the gap", refused)
     if together[group] >= thresholds.grouped:
         reason = phrase(
-            "a cause of the group {} is {} probable; these data do not show which one",
+            "probability of a cause of the group {}: {}; these data do not show which one",
             phrase(group),
             f"{together[group]:.0%}",
         )
         return UNKNOWN, group, joined("", (refused, reason))
     if is_adequate:
         reason = phrase(
-            "no cause is probable, and no gap of the calibrated base is both significant and large"
+            "no cause is probable, and no gap of the calibrated base model is both significant "
+            "and large"
         )
         if refused:
             reason = phrase(
-                "no other cause is probable, and no gap of the calibrated base is both significant "
-                "and large"
+                "no other cause is probable, and no gap of the calibrated base model is both "
+                "significant and large"
             )
         return NONE, "", joined("", (refused, reason))
     # A cause at the contact that is as probable as none is not separable from another law of it.
@@ -446,8 +449,8 @@ def decide(
     others = [name for name in tried if group_of(name) != contact or shares[name] > shares[NONE]]
     if law and shares[NONE] > max((shares[name] for name in others), default=0.0):
         reason = phrase(
-            "the contact follows another law: the motion is shifted in the same way for all sizes, "
-            "or it certainly closes more of the gap than any values of the ground"
+            "the contact follows another law: the motion differs in the same way for all sizes, "
+            "or another law certainly closes more of the gap than any ground values"
         )
         return CONTACT_LAW, contact, joined("", (refused, reason))
     reason = phrase("gaps are significant and large, and these data show no probable cause")
@@ -462,7 +465,7 @@ def group_probability(group: str, shares: Mapping[str, float]) -> float:
 
 
 def confusion_set(effect: str, least: float, shares: Mapping[str, float]) -> tuple[str, ...]:
-    """Return answer, then what is as probable as ``least`` or as the answer, most likely first."""
+    """Return the answer, then causes as probable as it or as ``least``, most likely first."""
     named = effect.split("+")
     least = min([least, *(p for n, p in shares.items() if n in named)])
     return tuple(dict.fromkeys([*named, *(n for n, p in shares.items() if p >= least)]))
@@ -533,7 +536,7 @@ class CauseWeights:
 def evidence_of(
     cause: str, prints: Sequence[Fingerprint], gains: Mapping[str, CauseGain]
 ) -> FloatArray:
-    """Return FEATURES of a cause, (4,); what is unseen is 0."""
+    """Return FEATURES of a cause, shape (4,); 0 for unobserved ones."""
     clear = {own.name for own in CAUSES[cause].statistics if own.clear}
     own = {f.statistic: f.z for f in prints if f.effect == cause and f.observable}
     best = [

@@ -117,13 +117,13 @@ def _intensity(
     if years is None:
         stem, when = "intensity_extreme", phrase("extreme event")
         what = phrase(
-            "Strongest class of intensity of any simulated block that is not too rare for a level."
+            "Highest intensity class of the simulated blocks that are frequent enough for a level."
         )
     else:
         stem, when = f"intensity_{years:g}", phrase("return period {} years", f"{years:g}")
         what = phrase(
-            "Strongest class of intensity whose lower limit of energy is reached or exceeded at "
-            "least once in {} years.",
+            "Highest intensity class whose lower energy limit is reached or exceeded at least "
+            "once in {} years.",
             f"{years:g}",
         )
     codes = _codes(intensity_class(few, preset, years))

@@ -88,8 +88,8 @@ def map_layers(
     words = {
         "rocks": sample.started,
         "width": phrase(
-            "Reference width {} m (one cell): a block counts for a cell if its centre comes within "
-            "half of it of the middle of the cell, or stops in the cell.",
+            "Reference width {} m (one cell): a block counts for a cell if its centre passes "
+            "within half this width of the cell centre, or if it stops in the cell.",
             f"{cell_size:.4g}",
         ),
         "once": phrase("Each block counts once per cell, with its largest value there."),

@@ -44,16 +44,20 @@ _WORDS = {
     "property_loss": ("loss of the object itself", "{}/year", ""),
     "vehicle_loss": ("loss of vehicles", "{}/year", ""),
     "loss": ("loss", "{}/year", "the object itself and vehicles"),
-    "vehicles_hit": ("vehicles hit", "1/year", "by falling blocks; not: running into fallen ones"),
+    "vehicles_hit": (
+        "vehicles hit",
+        "1/year",
+        "by falling blocks; collisions with deposited blocks are excluded",
+    ),
     "deaths": ("deaths", "1/year", "expected number: the collective risk"),
     "individual_risk": (
         "individual risk of death",
         "1/year",
-        "of one of the people there; on a road of one user who drives by",
+        "of one person present; on a road, of one passing user",
     ),
 }
 _SE = "upper bound of the sampling error; none of the model or of the onset frequency"
-_LIMITS = "by the sampling of blocks; none of the model or of the onset frequency"
+_LIMITS = "from the sampling of blocks only, without errors of the model or the onset frequency"
 
 
 def exposed_layers(placed: PlacedObjects, crs: str) -> list[VectorLayer]:

@@ -12,7 +12,7 @@ from matplotlib.ticker import MaxNLocator
 
 from sassgis.grid import FloatArray, IntArray
 from sassgis.report.figures import style
-from sassgis.settings.languages import phrase
+from sassgis.settings.languages import counted, phrase
 from sassgis.settings.results import ControlLine, Histogram, StopReason, thousands
 
 #: Name and unit of what can be drawn, and title of the figure.
@@ -166,14 +166,15 @@ def runout_figure(
     open_end = kinds.get(StopReason.LEFT_PROFILE, 0) + kinds.get(StopReason.STEP_LIMIT, 0)
     note = ""
     if open_end:
-        text = (
+        one = (
             "{} block of {} was still moving at the end of the computation; the true shares lie "
             "on or above the line"
-            if open_end == 1
-            else "{} blocks of {} were still moving at the end of the computation; the true "
-            "shares lie on or above the line"
         )
-        note = phrase(text, thousands(open_end), thousands(total.sum()))
+        more = (
+            "{} blocks of {} were still moving at the end of the computation; the true shares lie "
+            "on or above the line"
+        )
+        note = counted(open_end, one, more, thousands(open_end), thousands(total.sum()))
     sheet = style.Sheet(title, note, 3.6)
     upper, lower = sheet.figure.subplots(2, 1, sharex=True, height_ratios=(1.0, 1.15))
     # At the lower edge of a bin all blocks of the bin and of those beyond are still moving;

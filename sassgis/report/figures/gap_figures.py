@@ -105,11 +105,12 @@ def gap_map_figure(
     norm = Normalize(-largest or -1.0, largest or 1.0)
     keys = {
         phrase(
-            "Colour: {}, observed less predicted; vermilion: more was observed, blue: less.",
+            "Colour: {}, observed minus predicted; vermilion: observed is higher, blue: observed "
+            "is lower.",
             words.quantity_name(quantity),
         ): gaps,
         phrase(
-            "Thin and pale: the gap is not distinguishable from chance ({}).",
+            "Thin and pale: gap not distinguishable from chance ({}).",
             words.quantity_name(quantity),
         ): len(compared) > len(gaps),
         phrase("Thin dark lines: fall lines."): lines,
@@ -199,15 +200,15 @@ def gap_where_figure(
     before = {_comparison_key(f): f for f in configured}
     shown = sum(len(rows) for rows in groups.values())
     note = phrase(
-        "Dots: mean over rocks, with the calibrated base model; bars: 95 % intervals, rocks "
-        "resampled. Filled: significant among all comparisons (5 %); coloured ring: among those "
-        "that the map shows (share of false ones 5 %); grey: not distinguishable from chance. "
-        "Right: number of rocks."
+        "Dots: mean over rocks with the calibrated base model. Bars: 95 % intervals, rocks "
+        "resampled. Filled: significant after adjustment for all comparisons (5 %). Coloured "
+        "ring: likely, false discovery rate 5 %. Grey: not distinguishable from chance. Right: "
+        "number of rocks."
     )
     if before:
         note = joined(
             " ",
-            (note, phrase("Diamonds and thin bars above them: the configured model, alike.")),
+            (note, phrase("Diamonds and thin bars above them: the same for the configured model.")),
         )
     if shown < len(findings):
         more = phrase("{} of {} are shown, the most certain.", shown, len(findings))
@@ -218,7 +219,7 @@ def gap_where_figure(
         column = int(np.argmin(filled))
         columns[column].append(key)
         filled[column] += len(rows) + _HEAD_ROWS
-    sheet = style.Sheet("Observed less predicted, by place and phase", note, _ROW_IN * max(filled))
+    sheet = style.Sheet("Observed minus predicted, by place and phase", note, _ROW_IN * max(filled))
     grid = sheet.figure.add_gridspec(1, len(columns))
     for k, keys in enumerate(columns):
         # The room below the shorter column stays empty.
@@ -346,8 +347,8 @@ def gap_distributions_figure(comparisons: Sequence[Comparison], *, effect: str =
     shown = [name for name in shown if name != "effect" or effect]
     parts = [
         phrase(
-            "Black: observed, a step for each value. Blue: calibrated base model; pale band: where "
-            "95 of 100 samples of as many values lie."
+            "Black: observed, one step per value. Blue: calibrated base model; pale band: 95 % "
+            "of its samples of the same size."
         )
     ]
     if "configured" in shown:
@@ -356,8 +357,8 @@ def gap_distributions_figure(comparisons: Sequence[Comparison], *, effect: str =
         parts.append(phrase("Vermilion: with {}.", words.effect_name(effect)))
     parts.append(
         phrase(
-            "D: energy distance to the observed values, in their standard deviations, of the "
-            "models in this order: {}; “chance”: not distinguishable from it.",
+            "D: energy distance to the observed values in their standard deviations, in the "
+            "order {}; “chance”: not distinguishable from it.",
             joined(" → ", map(phrase, (_CURVE_NAMES[name] for name in shown))),
         )
     )
@@ -421,9 +422,9 @@ def _draw_comparison(
 def gap_ladder_figure(ladder: Sequence[Rung]) -> Figure:
     """Draw the distance of each model to the observed rocks, and how much it closes the gap."""
     note = (
-        "Energy distance to the observed rocks, each compared with a model fitted without it; zero "
-        "in the mean where only chance is left. In brackets the 95 % interval of the share of the "
-        "gap (rocks resampled). Blue: closes some of it for certain."
+        "Energy distance to the observed rocks, each compared with a model fitted without it; "
+        "zero on average where only chance remains. In brackets: 95 % interval of the share "
+        "closed (rocks resampled). Blue: certainly closes part of the gap."
     )
     models = ladder[:-1]
     n = len(models)
@@ -460,7 +461,7 @@ def _closes(rung: Rung, sure: bool) -> Phrase:
     if sure:
         return phrase(" closes {} % ({} to {})", *numbers)
     _, low, high = numbers
-    return phrase(" closes nothing for certain ({} to {} %)", low, high)
+    return phrase(" no certain reduction ({} to {} %)", low, high)
 
 
 @style.house_style()
@@ -481,13 +482,13 @@ def gap_hypotheses_figure(
     named = "" if verdict in ("none", "unknown", "contact_law") else verdict
     others = rivals if named else ()
     note = phrase(
-        "Left: probability of being the cause. Right: by how much the energy score of held-out "
-        "rocks falls below that of the calibrated base model, with 95 % interval (rocks "
-        "resampled); above zero is better. Only what was calibrated has a score."
+        "Left: probability of each cause. Right: gain in energy score of held-out rocks over the "
+        "calibrated base model, with 95 % interval (rocks resampled); above zero is better. Only "
+        "calibrated causes have a score."
     )
-    marked = [phrase("Vermilion: the cause that is named.")] if named in rows else []
+    marked = [phrase("Vermilion: the named cause.")] if named in rows else []
     if any(e in rows for e in others):
-        marked.append(phrase("Blue: not separated from it by these data."))
+        marked.append(phrase("Blue: causes that these data do not distinguish from it."))
     note = joined(" ", (note, *marked))
     sheet = style.Sheet("Causes, most likely first", note, 0.31 * n + 0.6)
     shares, gains = sheet.figure.subplots(1, 2, width_ratios=(1.0, 1.6))

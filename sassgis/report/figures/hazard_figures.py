@@ -33,7 +33,7 @@ from sassgis.report.figures import map_figure, style
 from sassgis.report.figures.map_marks import MapMarks, all_points, draw_points
 from sassgis.report.figures.relief import footprint, view_of
 from sassgis.settings.hazard_rules import HazardCurves, HazardPreset
-from sassgis.settings.languages import joined, phrase
+from sassgis.settings.languages import counted, joined, phrase
 from sassgis.settings.results import RasterClass, RasterLayer, power_of_ten, thousands
 from sassgis.settings.styles import class_tint
 
@@ -251,8 +251,8 @@ def _level_words(one: HazardCurves, preset: HazardPreset) -> str:
     years = float(return_period(one.rate[0, one.column(energy)]))
     mean = thousands(years, 0 if years >= 10.0 else 1)
     return phrase(
-        "Level: {}, by {}, once in {} years. Circles: lower limits of the classes of intensity, "
-        "which decide; the first, all blocks, at the left edge.",
+        "Level: {}, from {}, once in {} years. Circles: lower energy limits of the intensity "
+        "classes, which decide the level; the first (all blocks) lies at the left edge.",
         phrase(preset.levels[level - 1].label),
         phrase("blocks of {} kJ and more", f"{energy:g}")
         if energy
@@ -334,18 +334,16 @@ def risk_figure(
     risk, low, high = (own[chosen] for own in (values, *limits))
     total = amount(float(np.nansum(values)))
     unit = phrase(unit)
-    one = values.size == 1
-    text = "Sum of all {} object: {} {}." if one else "Sum of all {} objects: {} {}."
-    notes = [phrase(text, thousands(values.size), total, unit)]
+    one, more = "Sum of all {} object: {} {}.", "Sum of all {} objects: {} {}."
+    notes = [counted(values.size, one, more, thousands(values.size), total, unit)]
     if rest.size:
         less = amount(float(values[rest].sum()))
-        text = "Not drawn: {} objects of less risk, together {} {}."
-        if rest.size == 1:
-            text = "Not drawn: {} object of less risk, together {} {}."
-        notes.append(phrase(text, thousands(rest.size), less, unit))
+        one = "Not drawn: {} object of lower risk ({} {})."
+        more = "Not drawn: {} objects of lower risk ({} {} in all)."
+        notes.append(counted(rest.size, one, more, thousands(rest.size), less, unit))
     known = np.isfinite(high)
     if known.any():
-        text = "Thin lines: 95 % intervals of the sample of blocks alone."
+        text = "Thin lines: 95 % intervals of the sampling error."
         notes.append(phrase(text))
     title = {"loss": "Loss by object", "deaths": "Deaths by object"}[quantity]
     labels = [style.wrap(names[i], 1.9) for i in chosen]
@@ -404,7 +402,7 @@ def protection_figure(
     least = 1.0 / max(return_periods_years) / _RARER
     for curve, colour, name in (
         (before, style.BLUE, "arriving, without walls and nets"),
-        (behind, style.VERMILION, "passing it"),
+        (behind, style.VERMILION, "passing the barrier"),
     ):
         if curve is None:
             continue

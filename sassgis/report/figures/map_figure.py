@@ -250,7 +250,7 @@ def coarse_note(view: relief.MapView, what: str) -> str:
     if view.factor == 1:
         return ""
     n = view.factor
-    return phrase("One dot represents {} × {} cells and shows the {} of them.", n, n, phrase(what))
+    return phrase("One dot represents {} × {} cells and shows their {}.", n, n, phrase(what))
 
 
 def legend_beside(ax: Axes, signs: Sequence[Patch], heading: str) -> None:

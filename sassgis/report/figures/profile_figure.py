@@ -19,7 +19,7 @@ from matplotlib.transforms import Bbox
 from sassgis.grid import FloatArray, IntArray
 from sassgis.report.figures import style
 from sassgis.report.figures.map_marks import draw_points, even_choice
-from sassgis.settings.languages import joined, phrase
+from sassgis.settings.languages import counted, joined, phrase
 from sassgis.settings.results import ControlLine, thousands
 
 #: A control line with its chainage (m) and the height of the ground there (m).
@@ -58,13 +58,11 @@ class ProfilePanel:
     def caption(self) -> str:
         """Say how many blocks are drawn."""
         n, stops = len(self.trajectories), self.known_stops().size
-        paths = "{} path of the centre of mass" if n == 1 else "{} paths of the centre of mass"
-        dots = "yellow dots: where {} blocks ended"
-        if stops == 1:
-            dots = "yellow dots: where {} block ended"
-        parts = [phrase(text, thousands(k)) for text, k in ((paths, n), (dots, stops)) if k]
+        paths = ("{} path of the centre of mass", "{} paths of the centre of mass")
+        dots = ("yellow dots: where {} block stopped", "yellow dots: where {} blocks stopped")
+        parts = [counted(k, *texts, thousands(k)) for texts, k in ((paths, n), (dots, stops)) if k]
         if n > MAX_PATHS:
-            text = "lines: {} of them; bands: where 50 % and 90 % of the paths lie"
+            text = "{} of them as lines; bands: 50 % and 90 % of the paths"
             parts.insert(1, phrase(text, MAX_PATHS))
         return joined("; ", parts)
 

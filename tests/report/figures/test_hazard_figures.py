@@ -274,7 +274,7 @@ def test_the_largest_risks_stand_on_top() -> None:
     words = texts(figure)
     assert "deaths (10⁻⁶ 1/year)" in words
     assert "Sum of all 5 objects: 1.10 × 10⁻⁴ 1/year." in words
-    assert "Not drawn: 1 object of less risk, together 1.00 × 10⁻⁵ 1/year." in words
+    assert "Not drawn: 1 object of lower risk (1.00 × 10⁻⁵ 1/year)." in words
 
 
 def test_amounts() -> None:
