@@ -1,6 +1,7 @@
 """Peak memory of runs that differ in one thing: ``python benchmarks/memory.py [--json FILE]``.
 
-Beside each stands what ``sassgis validate`` expects of it.
+Beside each stands what ``sassgis validate`` expects of it, and last what a million cells more take.
+``--stages CONFIG`` shows memory and processor time of one zoning by stage (Linux).
 """
 
 from __future__ import annotations
@@ -8,6 +9,8 @@ from __future__ import annotations
 import argparse
 import json
 import os
+import re
+import resource
 import subprocess
 import sys
 import tempfile
@@ -21,6 +24,7 @@ import slope
 #: What differs: command, width across the slope (m), spacing (m), blocks at a point, other keys.
 CASES: dict[str, tuple[str, float, float, int, dict[str, object]]] = {
     "few of everything": ("run", 600.0, 10.0, 10, {}),
+    "few of everything, zones": ("zone", 600.0, 10.0, 10, {}),
     "40 times the cells": ("run", 24_000.0, 10.0, 10, {}),
     "40 times the cells, zones": ("zone", 24_000.0, 10.0, 10, {}),
     "100 times the points": ("run", 600.0, 1.0, 1, {}),
@@ -75,12 +79,60 @@ def measure(names: list[str]) -> list[dict[str, Any]]:
     return found
 
 
+def growth(found: list[dict[str, Any]]) -> None:
+    """Print what a million cells more take, of two cases that differ in them."""
+    peaks = {own["case"]: (own["peak_bytes"], own["cells"]) for own in found}
+    for few, many in (
+        ("few of everything", "40 times the cells"),
+        ("few of everything, zones", "40 times the cells, zones"),
+    ):
+        if few in peaks and many in peaks:
+            (low, n_low), (high, n_high) = peaks[few], peaks[many]
+            print(f"{many}: {(high - low) / (n_high - n_low):.0f} MB for a million cells more")
+
+
+def _state() -> tuple[float, float, float]:
+    """Return peak since the last call and present memory (MB), and processor time (s)."""
+    status = Path("/proc/self/status").read_text()
+    peak, now = (
+        float(re.findall(rf"{name}:\s+(\d+)", status)[0]) * 1.024e-3 for name in ("VmHWM", "VmRSS")
+    )
+    Path("/proc/self/clear_refs").write_text("5")
+    used = resource.getrusage(resource.RUSAGE_SELF)
+    return peak, now, used.ru_utime + used.ru_stime
+
+
+def stages(config: Path) -> list[dict[str, Any]]:
+    """Zone a configuration in this process; of each stage peak, end (MB) and processor time (s)."""
+    found: list[dict[str, Any]] = []
+    began, stage = 0.0, "start"
+
+    def say(text: str) -> None:
+        nonlocal began, stage
+        peak, now, used = _state()
+        found.append({"stage": stage, "peak_mb": peak, "end_mb": now, "cpu_s": used - began})
+        print(f"{stage[:60]:60s} {peak:6.0f} MB, then {now:6.0f} MB, {used - began:6.2f} s")
+        began, stage = used, text
+
+    import sassgis
+
+    with tempfile.TemporaryDirectory() as scratch:
+        sassgis.zone(config, Path(scratch) / "out", say=say)
+        say("")
+    return found
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else None)
-    parser.add_argument("--only", help="names of cases, separated by commas")
+    parser.add_argument("--only", help="names of cases, separated by semicolons")
+    parser.add_argument("--stages", type=Path, metavar="CONFIG", help="one zoning by stage")
     parser.add_argument("--json", type=Path, help="also write the figures to a file")
     given = parser.parse_args()
-    found = measure(given.only.split(",") if given.only else list(CASES))
+    if given.stages:
+        found = stages(given.stages)
+    else:
+        found = measure(given.only.split(";") if given.only else list(CASES))
+        growth(found)
     if given.json:
         given.json.write_text(json.dumps(found, indent=1) + "\n")
 

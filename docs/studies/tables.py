@@ -778,7 +778,8 @@ TABLES = {
             field_mass, field_parameters, field_widths, contacts_filmed, contacts_program,
             safety_kills, safety_fuzz, safety_extremes, speed_slope, speed_together, speed_effects,
             speed_limits, speed_spots, speed_barriers, speed_peers, speed_canton, speed_routed,
-            kinematics_tschamut, kinematics_halves, kinematics_wheel, kinematics_slopes, kinematics_fan, tirol,
+            kinematics_tschamut, kinematics_halves, kinematics_wheel, kinematics_slopes,
+            kinematics_fan, tirol,
         )
     },
     **{

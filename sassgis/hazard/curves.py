@@ -7,7 +7,7 @@ make the curve.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -82,36 +82,59 @@ def hazard_curves(
     if np.any(np.diff(energies) <= 0.0):
         raise ValueError("energies of the curves do not rise")
     largest = {s.area: max(t.rate_of_a_rock for t in sources if t.area == s.area) for s in sources}
-    same_points = {s.area for s in sources if s.random_points}
-    areas: dict[str, list[HazardCurves]] = {}
+    areas: dict[str, list[tuple[Source, SourceCounts]]] = {}
     for source, own in zip(sources, counts, strict=True):
         if own.count.shape != (own.places.size, energies.size):
             raise ValueError(f"counts of {source.label} do not fit the energies")
+        areas.setdefault(source.area, []).append((source, own))
+
+    def of_source(source: Source, own: SourceCounts) -> HazardCurves:
         per_rock = np.where(own.count[:, 0] > 0, largest[source.area], 0.0)
-        areas.setdefault(source.area, []).append(
-            HazardCurves(
-                own.places,
-                energies,
-                source_rate(source, own),
-                variance_of(source, own),
-                per_rock,
-                _drawn_points(source, own),
-            )
-        )
-    joined = [_joined(parts, energies, area in same_points) for area, parts in areas.items()]
-    return _joined(joined, energies, False)
+        rate, variance = source_rate(source, own), variance_of(source, own)
+        points = _drawn_points(source, own)
+        return HazardCurves(own.places, energies, rate, variance, per_rock, points)
+
+    def of_area(area: str) -> HazardCurves:
+        own = areas[area]
+        together = any(source.random_points for source, _ in own)
+        parts = (of_source(*part) for part in own)
+        return _joined(parts, [c.places for _, c in own], energies, together, together)
+
+    places = [_all_places([c.places for _, c in own]) for own in areas.values()]
+    drawn = any(source.random_points for source in sources)
+    return _joined(map(of_area, areas), places, energies, drawn, False)
 
 
-def _joined(parts: Sequence[HazardCurves], energies: FloatArray, together: bool) -> HazardCurves:
-    """Return the sum of curves, added one by one; ``together`` if they share their chance."""
+def _all_places(parts: Sequence[IntArray]) -> IntArray:
+    """Return the places of any of the parts, ascending."""
     if len(parts) == 1:
         return parts[0]
-    places = (
-        np.unique(np.concatenate([p.places for p in parts])) if parts else np.empty(0, np.int64)
-    )
+    return np.unique(np.concatenate([np.empty(0, np.int64), *parts]))
+
+
+def _joined(
+    parts: Iterable[HazardCurves],
+    of_parts: Sequence[IntArray],
+    energies: FloatArray,
+    drawn: bool,
+    together: bool,
+) -> HazardCurves:
+    """Return the sum of curves at some places each; ``together`` if they share their chance.
+
+    They are made and added one by one: all at once would take several times the memory. ``drawn``
+    is whether the release points of any were drawn at random.
+    """
+    if len(of_parts) == 1:
+        return next(iter(parts))
+    places = _all_places(of_parts)
     rate = np.zeros((places.size, energies.size))
     variance = np.zeros_like(rate)
     per_rock = np.zeros(places.size)
+    # Of independent samples the degrees of freedom are those of Welch (1947, Biometrika 34: 28-35)
+    # and Satterthwaite (1946, Biometrics Bulletin 2: 110-114), and one point more is one of any of
+    # them; the scenarios of an area share their points.
+    shape = rate.shape if drawn else (0, 0)
+    of_a_point, uncertain, freedom = np.zeros(shape), np.zeros(shape), np.full(shape, np.inf)
     for part in parts:
         rows = np.searchsorted(places, part.places)
         rate[rows] += part.rate
@@ -120,32 +143,17 @@ def _joined(parts: Sequence[HazardCurves], energies: FloatArray, together: bool)
         else:
             variance[rows] += part.variance
         per_rock[rows] = np.maximum(per_rock[rows], part.rate_of_a_rock)
-    drawn = _joined_points(parts, places, variance, together)
-    return HazardCurves(places, energies, rate, variance, per_rock, drawn)
-
-
-def _joined_points(
-    parts: Sequence[HazardCurves], places: IntArray, variance: FloatArray, together: bool
-) -> DrawnPoints | None:
-    """Join the variance by drawn release points of summed curves."""
-    if all(part.drawn is None for part in parts):
-        return None
-    # Of independent samples the degrees of freedom are those of Welch (1947, Biometrika 34: 28-35)
-    # and Satterthwaite (1946, Biometrics Bulletin 2: 110-114), and one point more is one of any of
-    # them; the scenarios of an area share their points.
-    of_a_point, uncertain = np.zeros_like(variance), np.zeros_like(variance)
-    freedom = np.full(variance.shape, np.inf)
-    for part in parts:
-        rows = np.searchsorted(places, part.places)
-        add = np.add if together else np.maximum
-        more = part.rate_of_one if part.drawn is None else part.drawn.rate_of_a_point
-        of_a_point[rows] = add(of_a_point[rows], more)
-        own = np.broadcast_to(np.maximum(part.freedom, 1.0), part.variance.shape)
-        freedom[rows] = np.minimum(freedom[rows], own)
-        uncertain[rows] += part.variance**2 / own
-    if not together:
+        if drawn:
+            add = np.add if together else np.maximum
+            more = part.rate_of_one if part.drawn is None else part.drawn.rate_of_a_point
+            of_a_point[rows] = add(of_a_point[rows], more)
+            own = np.broadcast_to(np.maximum(part.freedom, 1.0), part.variance.shape)
+            freedom[rows] = np.minimum(freedom[rows], own)
+            uncertain[rows] += part.variance**2 / own
+    if drawn and not together:
         freedom = np.divide(variance**2, uncertain, out=freedom, where=uncertain > 0.0)
-    return DrawnPoints(of_a_point, freedom)
+    points = DrawnPoints(of_a_point, freedom) if drawn else None
+    return HazardCurves(places, energies, rate, variance, per_rock, points)
 
 
 def at_energies(curves: HazardCurves, energies_kj: Sequence[float]) -> HazardCurves:

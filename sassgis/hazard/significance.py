@@ -1,7 +1,4 @@
-"""Whether frequencies or shares of two samples of blocks differ by more than sampling explains.
-
-A separate file, because only a comparison needs scipy.stats, a fifth of the start time.
-"""
+"""Whether frequencies or shares of two samples of blocks differ by more than sampling explains."""
 
 from __future__ import annotations
 
@@ -10,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy import special, stats
+from scipy import special
 
 from sassgis.grid import FloatArray
 from sassgis.simulation.map_sums import pooled_freedom
@@ -81,9 +78,12 @@ def beyond_sampling(one: SampledRates, two: SampledRates) -> NDArray[np.bool_]:
     57: 289-300) also holds for places that depend on each other as neighbours do, which the same
     blocks reach (Y. Benjamini and D. Yekutieli, 2001, Annals of Statistics 29: 1165-1188).
     """
+    # Only a comparison needs it, and it takes a fifth of a start.
+    from scipy.stats import false_discovery_control
+
     p = chance_of_difference(one, two)
     reached = np.nan_to_num(one.rate) + np.nan_to_num(two.rate) > 0.0
     found = np.zeros(p.shape, bool)
     if reached.any():
-        found[reached] = stats.false_discovery_control(p[reached]) <= _FALSE_SHARE
+        found[reached] = false_discovery_control(p[reached]) <= _FALSE_SHARE
     return found

@@ -17,7 +17,7 @@ from sassgis.outputs.frames import require_parquet
 from sassgis.runs.inputs import collected_notices, input_digests, read_map_run
 from sassgis.settings.languages import named, phrase
 from sassgis.settings.map_run import BlockRows, Config, MapRun, Round
-from sassgis.settings.process import require_memory
+from sassgis.settings.process import give_back_arrays, require_memory
 from sassgis.settings.statistics_table import SUM_NAMES
 from sassgis.simulation.accumulators import Progress, join_parts
 from sassgis.simulation.checkpoint import Checkpoint
@@ -97,6 +97,7 @@ def configured(config: AnyConfig, seed: int | None) -> Config:
 
 def read_job(config: Config, areas: Sequence[str] | None, tell: Callable[[str], None]) -> Job:
     """Read the inputs of a run and place its release points."""
+    give_back_arrays()
     tell("Reading the inputs")
     digests = input_digests(config)
     for _ in range(_READINGS):

@@ -37,6 +37,7 @@ class SourceSums:
         self._places: IntArray = np.empty(0, np.int64)
         self._row: IntArray = np.empty(0, np.int64)
         self._count, self._square = (np.zeros((0, n_energies), np.int64) for _ in range(2))
+        self._handed_out = False  # whether counts of others are the same arrays
 
     def add(self, places: IntArray, count: IntArray, square: IntArray) -> None:
         """Add counts of some places, each of which is named once; all as in SourceCounts."""
@@ -45,6 +46,9 @@ class SourceSums:
         if not known.all():
             self._grow(np.sort(places[reached[~known]]))
             at, _ = self._found(places[reached])
+        if self._handed_out:
+            self._count, self._square = self._count.copy(), self._square.copy()
+            self._handed_out = False
         _add_rows(self._count, self._square, self._row[at], count, square, reached)
 
     def _found(self, places: IntArray) -> tuple[IntArray, NDArray[np.bool_]]:
@@ -69,8 +73,12 @@ class SourceSums:
                 setattr(self, name, larger)
 
     def counts(self) -> SourceCounts:
-        """Return the counts added so far."""
-        return SourceCounts(self._places, self._count[self._row], self._square[self._row])
+        """Return the counts added so far; they take no further memory until there are more."""
+        if not self._handed_out:
+            self._count, self._square = self._count[self._row], self._square[self._row]
+            self._row = np.arange(self._row.size)
+            self._handed_out = True
+        return SourceCounts(self._places, self._count, self._square)
 
     def plus(self, differences: SourceSums) -> SourceSums:
         """Return these counts and their differences from others: the others."""

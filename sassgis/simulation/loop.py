@@ -23,7 +23,7 @@ from sassgis.grid import FloatArray, IntArray
 from sassgis.settings.map_run import BlockRows, MapRun, ObjectCells, Round, Worth
 from sassgis.settings.results import ReleasePoints, TraceSet
 from sassgis.settings.schema import Input
-from sassgis.settings.statistics_table import Bins, bins_of
+from sassgis.settings.statistics_table import SUM_NAMES, Bins, bins_of
 from sassgis.simulation.accumulators import (
     ChunkResult,
     Progress,
@@ -171,9 +171,18 @@ def _work(common: _Common, chunk: Chunk) -> ChunkResult:
         drawn.append(drawn_lines(lines, run.grid, chunk.points))
     return ChunkResult(
         area=area, points=own.points, weight=chunk.weight,
-        sums={k: result for k, result, *_ in found}, rows=joined_rows(parts),
+        sums={k: _to_add(result) for k, result, *_ in found}, rows=joined_rows(parts),
         lines=joined_lines(drawn), lost=lost,
     )  # fmt: skip
+
+
+def _to_add(result: Simulated) -> Simulated:
+    """Return what is added up: where windows are counted, not the counts of the cells as well."""
+    if not result.windows.size:
+        return result
+    # Copies: what waits to be added up holds no rows of what is left out.
+    kept = {name: own.copy() for name, own in result.kept.items() if name in SUM_NAMES}
+    return replace(result, kept=kept)
 
 
 def _followed(common: _Common, chunk: Chunk) -> tuple[NDArray[np.bool_], None, list[_OfScenario]]:

@@ -18,7 +18,13 @@ from numpy.typing import NDArray
 from scipy import special
 
 from sassgis.grid import FloatArray, IntArray
-from sassgis.settings.statistics_table import SUM_NAMES, SUMS, CellSum, Statistic, probability_of
+from sassgis.settings.statistics_table import (
+    SUM_NAMES,
+    SUMS,
+    Statistic,
+    probability_of,
+    sums_by,
+)
 
 if TYPE_CHECKING:
     from sassgis.engine.simulate import Visits
@@ -159,6 +165,8 @@ _ROWS = 2048
 # Bytes up to which there is room for all cells at once: nothing has to be moved as more of them are
 # reached, and of zeros that nobody has written to no memory is taken.
 _ROOM_AT_ONCE = 2**30
+#: Type of the bins of a histogram as long as no cell has more blocks than it can count.
+_FEW = np.uint16
 
 
 class MapSums:
@@ -200,6 +208,7 @@ class MapSums:
         shapes = {name: own.shape[1:] for name, own in sums.items()}
         shapes |= {name: (n,) for name, n in (n_bins or {}).items()}
         rows = self._rows_of(cells[reached], shapes)
+        self._widen_for(rows, sums["reach"][reached])
         for kept in SUMS:
             if kept.name not in sums and kept.name in shapes:
                 continue
@@ -212,6 +221,15 @@ class MapSums:
             row[reached] = rows
             visits.add_to(tuple(self._sums[name] for name in n_bins or ()), row, weight)
 
+    def _widen_for(self, rows: IntArray, more: NDArray[Any]) -> None:
+        """Let the bins count further where more blocks come to rows than they have room for."""
+        most = (self._sums["reach"][rows] + more).max(initial=0)
+        for kept in sums_by("histogram"):
+            own = self._sums[kept.name]
+            if own.dtype == _FEW and most > np.iinfo(_FEW).max:
+                own, room = own[: self._used], own.shape[0]
+                self._sums[kept.name] = _enlarged(own.astype(kept.dtype), room, kept.empty)
+
     def _rows_of(self, cells: IntArray, shapes: Mapping[str, tuple[int, ...]]) -> IntArray:
         """Return rows of the cells, made where there were none; ``shapes`` of a row of each sum."""
         fresh = cells[self._row[cells] < 0]
@@ -223,8 +241,9 @@ class MapSums:
                 room = self._row.size
             self._cells = np.concatenate([self._cells, np.zeros(room - self._cells.size, np.int64)])
             for kept in SUMS:
-                own = self._sums.get(kept.name, np.empty((0, *shapes[kept.name])))
-                self._sums[kept.name] = _enlarged(own, room, kept)
+                dtype = _FEW if kept.reducer == "histogram" else kept.dtype
+                own = self._sums.get(kept.name, np.empty((0, *shapes[kept.name]), dtype))
+                self._sums[kept.name] = _enlarged(own, room, kept.empty)
         self._cells[self._used : end] = fresh
         self._row[fresh] = np.arange(self._used, end, dtype=np.int32)
         self._used = end
@@ -243,12 +262,12 @@ class MapSums:
         return sums
 
 
-def _enlarged(array: NDArray[Any], room: int, kept: CellSum) -> NDArray[Any]:
+def _enlarged(array: NDArray[Any], room: int, empty: float) -> NDArray[Any]:
     # Of zeros that nobody has written to no memory is taken.
-    out = np.zeros((room, *array.shape[1:]), kept.dtype)
+    out = np.zeros((room, *array.shape[1:]), array.dtype)
     out[: array.shape[0]] = array
-    if kept.empty != 0:
-        out[array.shape[0] :] = kept.empty
+    if empty != 0:
+        out[array.shape[0] :] = empty
     return out
 
 

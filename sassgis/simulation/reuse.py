@@ -30,7 +30,7 @@ from sassgis.terrain.fall_lines import points_on
 KEPT_NAME = "simulation.npz"
 #: Fields of a run that may be others: rounds are those of the earlier result.
 _OTHERS = ("control_lines", "further_stations", "rounds")
-#: Keys of the configuration from which other fields are, where these have not the name of a section.
+#: Keys of the configuration that give fields which are not named like their section.
 _KEYS = {
     "grid": "terrain.dem", "table": "ground.classes", "areas": "release.file", "seed": "run.seed",
     "stop_points_max": "output.stop_points_max", "thresholds_kj": "hazard.preset",

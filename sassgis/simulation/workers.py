@@ -26,6 +26,7 @@ from subprocess import PIPE, Popen, TimeoutExpired
 from typing import IO, Any, Protocol, TypeVar
 
 from sassgis.errors import OutputError
+from sassgis.settings.process import give_back_arrays
 
 #: Libraries that would each start separate threads.
 _THREADS = (
@@ -115,6 +116,7 @@ def serve() -> None:
     for number in OF_TERMINALS:
         signal.signal(number, signal.SIG_IGN)
     gc.set_threshold(COLLECTED_EVERY)
+    give_back_arrays()
     logging.basicConfig(level=logging.ERROR, format="%(message)s")
     calls, answers = os.fdopen(os.dup(0), "rb"), os.fdopen(os.dup(1), "wb")
     # What a library reads is no call, and what it prints is no answer.
@@ -246,7 +248,8 @@ class Threads:
     def in_order(self, work: Work, common: Any, tasks: Iterable[Any]) -> Generator[Any, None, None]:
         """Return results in the order of the tasks, as ``Workers`` says."""
         with ThreadPoolExecutor(self.count) as pool:
-            yield from _in_order(pool, partial(work, common), tasks, 2 * self.count)
+            # One result more than there are threads: each of them takes memory while it waits.
+            yield from _in_order(pool, partial(work, common), tasks, self.count)
 
 
 class Processes:

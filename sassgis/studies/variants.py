@@ -16,7 +16,6 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 from scipy.special import ndtr, ndtri
-from scipy.stats import qmc, rankdata
 
 from sassgis.compiled import rng
 from sassgis.grid import FloatArray, IntArray
@@ -74,6 +73,9 @@ def ends_of(ranges: Sequence[ParameterRange]) -> list[Variant]:
 
 def filling(ranges: Sequence[ParameterRange], samples: int, seed: int) -> list[Variant]:
     """Return points that fill all ranges at once (Latin hypercube)."""
+    # Takes its time and memory, and a run without draws needs none of it; as below.
+    from scipy.stats import qmc
+
     points = qmc.LatinHypercube(len(ranges), rng=np.random.default_rng(seed)).random(samples)
     return [
         Variant(
@@ -302,6 +304,8 @@ def _rank_correlation(x: FloatArray, y: FloatArray) -> float:
     known = np.isfinite(y)
     if known.sum() < 3 or np.ptp(x[known]) == 0.0 or np.ptp(y[known]) == 0.0:
         return float("nan")
+    from scipy.stats import rankdata
+
     return float(np.corrcoef(rankdata(x[known]), rankdata(y[known]))[0, 1])
 
 

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from sassgis.settings.statistics_table import STATISTICS, SUMS, default_bins
+from sassgis.simulation.accumulators import SourceSums
 from sassgis.simulation.map_sums import MapSums, Sample, band_values, quantiles
 
 EDGES = default_bins().edges
@@ -48,6 +49,27 @@ def test_many_cells_and_a_saved_state_keep_every_sum() -> None:
     for name, values in sums.state().items():
         assert np.array_equal(again.state()[name], values), name
         assert again.state()[name].dtype == values.dtype, name
+
+
+def test_more_blocks_are_counted_than_16_bits_can_hold() -> None:
+    sums = MapSums(10)
+    for blocks in (40_000, 30_000):
+        more = sums_of([[2.0], [3.0]])
+        more["reach"][0] = blocks
+        more["arrival"][0] *= blocks
+        sums.add(np.array([1, 2]), more)
+    assert sums.column("arrival").sum(axis=1).tolist() == [70_000, 2]
+
+
+def test_counts_of_a_source_stay_as_they_are_when_more_are_added() -> None:
+    sums, ones = SourceSums(2), np.ones((2, 2), np.int64)
+    sums.add(np.array([3, 5]), ones, ones)
+    before = sums.counts()
+    sums.add(np.array([4, 5]), ones, 7 * ones)
+    assert before.places.tolist() == [3, 5] and (before.count == 1).all()
+    after = sums.counts()
+    assert after.places.tolist() == [3, 4, 5]
+    assert after.count[:, 0].tolist() == [1, 1, 2] and after.square[:, 1].tolist() == [1, 7, 8]
 
 
 def test_the_early_quantile_of_counted_times() -> None:

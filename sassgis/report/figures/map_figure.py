@@ -158,7 +158,7 @@ def finish(
     sheet: style.Sheet, axes: Sequence[Axes], marks: map_marks.MapMarks, view: relief.MapView
 ) -> Figure:
     """Make the figure as high as its maps, whose legends are drawn, and write the names."""
-    sheet.figure.draw_without_rendering()
+    sheet.lay_out(axes)
     dpi = sheet.figure.dpi
     # Labels and signs beyond the edges of the maps.
     rows = {round(ax.get_window_extent().y0): ax for ax in axes}
@@ -170,7 +170,7 @@ def finish(
         top, *below = filter(None, (own.get_tightbbox() for own in (ax, *signs)))
         heights.append(float(top.y1 - min(box.y0 for box in (top, *below))))
     sheet.set_height((sum(heights) + 8.0 * len(heights)) / dpi)
-    sheet.figure.draw_without_rendering()
+    sheet.lay_out(axes)
     for ax in axes:
         width_pt = 72.0 * ax.get_window_extent().width / dpi
         marks.write_names(ax, view.box, width_pt / view.width_m)

@@ -121,6 +121,14 @@ class Sheet:
         below = self._foot_in / whole
         engine.set(rect=(0.0, below, 1.0, 1.0 - below))  # type: ignore[call-arg]
 
+    def lay_out(self, axes: Sequence[Axes]) -> None:
+        """Put all in its place without drawing it; ``axes`` are those of a fixed aspect."""
+        engine = self.figure.get_layout_engine()
+        assert engine is not None
+        engine.execute(self.figure)
+        for ax in axes:
+            ax.apply_aspect()
+
     def legend(self, signs: Sequence[Artist]) -> None:
         """Draw signs with their labels in rows over the note and what stands there."""
         widest = max(text_width_pt(str(sign.get_label())) for sign in signs) / 72.0 + 0.5
@@ -160,9 +168,20 @@ def to_png(figure: Figure) -> bytes:
             assert isinstance(text, Text)
             text.set_text(translated(text.get_text()))
     buffer = io.BytesIO()
+    before = figure.dpi
     with house_style():
+        figure.set_dpi(DPI)
+        # Not savefig, which draws everything twice: at first only to lay it out.
+        canvas = FigureCanvasAgg(figure)
+        canvas.draw()
         # Without this matplotlib writes its version into the file.
-        figure.savefig(buffer, format="png", dpi=DPI, metadata={"Software": None})
+        mpl.image.imsave(
+            buffer, np.asarray(canvas.buffer_rgba()), format="png", dpi=DPI,
+            metadata={"Software": None},
+        )  # fmt: skip
+        figure.set_dpi(before)
+    # The canvas of the figure has no memory for its dots.
+    FigureCanvasAgg(figure)
     return buffer.getvalue()
 
 
