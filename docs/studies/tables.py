@@ -490,6 +490,18 @@ def speed_spots() -> str:
     return table("part of the engine | fall lines | followed paths", rows)
 
 
+def speed_barriers() -> str:
+    """Processor time with and without barriers."""
+    found = results("speed/barriers")
+    seconds = found["seconds"]
+    rows = {
+        "with barriers": seconds["with"],
+        "with and without, only blocks that differ twice": seconds["both"],
+        "with and without, all blocks twice": seconds["with"] + seconds["again"],
+    }
+    return table("simulated | processor time (s)", (f"{k} | {v:.1f}" for k, v in rows.items()))
+
+
 def speed_peers() -> str:
     """Rates of other programs."""
     what = {
@@ -765,8 +777,9 @@ TABLES = {
             field_left_out, field_groups, field_published, field_gain, field_bands, field_repeated,
             field_mass, field_parameters, field_widths, contacts_filmed, contacts_program,
             safety_kills, safety_fuzz, safety_extremes, speed_slope, speed_together, speed_effects,
-            speed_limits, speed_spots, speed_peers, speed_canton, speed_routed, kinematics_tschamut,
-            kinematics_halves, kinematics_wheel, kinematics_slopes, kinematics_fan, tirol,
+            speed_limits, speed_spots, speed_barriers, speed_peers, speed_canton, speed_routed,
+            kinematics_tschamut, kinematics_halves, kinematics_wheel, kinematics_slopes,
+            kinematics_fan, tirol,
         )
     },
     **{

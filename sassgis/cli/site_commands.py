@@ -111,7 +111,8 @@ def check_terrain(
         write_dem_page(html, report, overwrite)
     if out is not None:
         write_dem_cells(out, report, overwrite)
-    said = report.suggestion() if out is None else f"Wrote {out}: {len(report.cells)} items"
+    asked = f" --crs {given['crs']}" if given.get("crs") else ""
+    said = report.suggestion(asked) if out is None else f"Wrote {out}: {len(report.cells)} items"
     if said and not as_json:
         click.echo(said)
 

@@ -202,7 +202,7 @@ def start_keys(folder: Path, dem: Path | None, release: Path | None) -> StartKey
     site = {own.name: own for own in site_layers()}
     if "release_areas" in layers and len(layers) > 1:
         for name, own in site.items():
-            if name in layers and (own.section in _NAMED_EMPTY or len(_table(release, name))):
+            if name in layers and (own.section in _NAMED_EMPTY or _has_features(release, name)):
                 keys.append((own.section, _keys_of(own, release, place)))
         return keys
     chosen = next((n for n in _RELEASE_LAYERS if n in layers), layers[0])
@@ -325,6 +325,12 @@ def _layers(file: Path) -> list[str]:
             expected="polygons, lines or points",
         )  # fmt: skip
     return names
+
+
+def _has_features(file: Path, layer: str) -> bool:
+    """With the geometry: without it a layer that has no attributes reads as empty."""
+    with vector_file(file, "--release"):
+        return len(read_frame(file, layer)) > 0
 
 
 def _table(file: Path, layer: str) -> Any:

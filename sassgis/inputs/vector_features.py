@@ -306,6 +306,11 @@ def onto_grid(
         if move and plane.is_geographic and (grid.cell_of(*move.transform(lon, lat)) >= 0).any():
             found, expected = extent_text(*bounds), "longitude first"
             error = wrong("latitude and longitude are swapped", found=found, expected=expected)
+        elif move and _meets(shapes, grid):
+            error = wrong(
+                "lies on the DEM only if it is not reprojected: the file or the DEM states the "
+                "wrong coordinate system", found=plane.name, expected=crs_name(grid.crs),
+            )  # fmt: skip
         raise error
     return moved
 

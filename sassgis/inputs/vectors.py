@@ -49,8 +49,8 @@ START_SLOPE_DEG = math.degrees(math.atan(0.37))
 
 
 _NO_START = (
-    "no block starts there: an onset frequency per hectare or metre counts for the rest, one per "
-    "year is put on the rest as a whole"
+    "no block starts there: fewer blocks a year if the onset frequency is per hectare or metre, "
+    "as many if it is per year"
 )
 #: Keys that name attributes of the layer.
 _ATTRIBUTES = ("name_field", "scenario_field")

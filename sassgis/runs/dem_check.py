@@ -104,10 +104,11 @@ class DemReport:
             out += [f"{'':<25}{f.advice}"] if f.advice else []
         return out
 
-    def suggestion(self) -> str:
-        """Return how to see the cells on a map; empty if there are none."""
+    def suggestion(self, options: str = "") -> str:
+        """Return how to see the cells on a map, with these options; empty if there are none."""
         where = ", ".join(self.cells)
-        return where and f"In QGIS ({where}): sassgis dem check {self.file} -o dem_check.gpkg"
+        call = f"sassgis dem check {self.file}{options} -o dem_check.gpkg"
+        return where and f"In QGIS ({where}): {call}"
 
     def as_dict(self) -> dict[str, Any]:
         """Return the page for programs."""

@@ -260,8 +260,8 @@ class HazardPreset:
         for row, intensity in zip(self.matrix, self.intensities, strict=True):
             field = f"matrix.{intensity.code}"
             if len(row) != n:
-                found, expected = f"{len(row)} levels", f"{n}, one per return period"
-                yield "the matrix has a hole", field, found, expected
+                problem = "the row does not have a level for each class of return period"
+                yield problem, field, f"{len(row)} levels", f"{n}"
             if any(not 0 <= k < len(self.levels) for k in row):
                 yield "the matrix names no level", field, list(row), "known levels"
             if any(later > earlier for earlier, later in pairwise(row)):

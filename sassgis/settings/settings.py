@@ -631,6 +631,10 @@ class RunSettings(Section):
 TableFormat = Literal["none", "csv", "parquet"]
 
 
+#: Limits between the classes of all maps of energies (kJ).
+ENERGY_CLASSES_KJ = (30.0, 100.0, 300.0, 1000.0, 3000.0, 10_000.0)
+
+
 @checked(frozen=True, slots=True)
 class OutputSettings(Section):
     """What is written."""
@@ -647,7 +651,7 @@ class OutputSettings(Section):
         Several[Annotated[float, Interval(gt=0)]],
         MinLen(1),
         "limits between the energy classes (kJ)",
-    ] = (30.0, 100.0, 300.0, 1000.0, 3000.0)
+    ] = ENERGY_CLASSES_KJ
 
     def _fits_together(self) -> None:
         limits = self.energy_classes_kj

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from sassgis.grid import FloatArray
 from sassgis.settings.blocks import BlockPopulation
 from sassgis.settings.map_run import MapRun
-from sassgis.settings.settings import EngineSettings
+from sassgis.settings.settings import ENERGY_CLASSES_KJ, EngineSettings
 
 #: What the kernel records of each block in each cell that it enters, in the order of its columns:
 #: largest kinetic energy (kJ), passing height (m) and speed (m/s) there, and the time since the
@@ -163,7 +163,7 @@ def _arrival_edges(_: float) -> FloatArray:
 
 
 #: Classes of maps of energies (kJ), and their colours.
-ENERGY_BREAKS, ENERGY_RAMP = (0.0, 30.0, 100.0, 300.0, 1000.0, 3000.0, 10_000.0), "YlOrRdBk"
+ENERGY_BREAKS, ENERGY_RAMP = (0.0, *ENERGY_CLASSES_KJ), "YlOrRdBk"
 
 STATISTICS = (
     Statistic(

@@ -42,6 +42,17 @@ def test_of_several_layers_one_must_be_known(tmp_path: Path) -> None:
     assert dict(start_keys(tmp_path, None, file))["release"]["layer"] == "release"
 
 
+def test_a_drawn_layer_without_attributes_is_taken(tmp_path: Path) -> None:
+    file = boxes(tmp_path, "release_areas", name=["a"])
+    area = gpd.GeoDataFrame(geometry=[release_box()], crs="EPSG:2056")
+    area.iloc[:0].to_file(file, layer="assessed_area", driver="GPKG")
+    assert "hazard" not in dict(start_keys(tmp_path, None, file))
+    area.to_file(file, layer="assessed_area", driver="GPKG")
+    assert dict(start_keys(tmp_path, None, file))["hazard"] == {
+        "assessed": "areas.gpkg", "assessed_layer": "assessed_area",
+    }  # fmt: skip
+
+
 def test_a_list_of_blocks_replaces_all() -> None:
     both = 'blocks=[{name="a", volume_m3=1.0}, {name="b", volume_m3=[2, 3]}]'
     assert with_values([("blocks", {"name": "x"}), ("run", {"seed": 2})], [both]) == [

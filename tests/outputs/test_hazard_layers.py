@@ -14,6 +14,7 @@ from sassgis.inputs.presets import preset_names, read_preset
 from sassgis.outputs.layers.hazard_maps import hazard_layers
 from sassgis.settings.hazard_rules import HazardCurves, HazardPreset
 from sassgis.settings.results import Band, RasterLayer
+from sassgis.settings.settings import OutputSettings
 
 PRESET = swiss()
 SHAPE = (3, 4)
@@ -96,6 +97,8 @@ def test_level_and_intensity(layers: dict[str, RasterLayer]) -> None:
 
 def test_energy_and_return_period(layers: dict[str, RasterLayer]) -> None:
     energy = layers["energy_at_return_period"]
+    # Classes as on the other maps of energies.
+    assert tuple(energy.breaks) == (0.0, *OutputSettings().energy_classes_kj)
     # The rarest is shown.
     assert [b.name for b in energy.bands] == ["e300", "e30", "e100"]
     for band, years in zip(energy.bands, (300.0, 30.0, 100.0), strict=True):

@@ -183,6 +183,8 @@ def test_the_cells_are_a_layer_beside_the_page(tmp_path: Path, printed) -> None:
     assert hint == (
         f"In QGIS (nodata, spikes, depressions): sassgis dem check {dem} -o dem_check.gpkg"
     )
+    *_, hint = printed("dem", "check", dem, "--crs", "EPSG:2056").splitlines()
+    assert hint.endswith(f"dem check {dem} --crs EPSG:2056 -o dem_check.gpkg")
     assert f"Wrote {layer}" in printed("dem", "check", dem, "-o", layer)
     cells = gpd.read_file(layer, layer="dem_defects")
     assert cells.crs.to_epsg() == 2056

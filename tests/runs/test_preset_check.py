@@ -92,7 +92,7 @@ def test_both_halves_of_the_picture_show_the_matrix(name: str) -> None:
     ("old", "new", "message"),
     [
         ('levels = ["mean", "slight", "residual_hazard"]', 'levels = ["mean", "slight"]',
-         "matrix.mean: the matrix has a hole (found 2 levels; expected 3, one per return period)"),
+         "matrix.mean: the row does not have a level for each class of return period (found 2 le"),
         ('years = 5000', 'anni = 5000', "rarest.anni: unknown key"),
         ("[matrix.mean]", "[matrix.medium]", "matrix.medium: row of no intensity class"),
         ('levels = ["substantial", "mean",', 'levels = ["mean", "substantial",',
