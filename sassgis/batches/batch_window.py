@@ -27,6 +27,7 @@ from sassgis.simulation.accumulators import (
     SourceSums,
     SourceTally,
     WithoutBarriers,
+    add_blocks,
     evenly_kept,
     joined_rows,
 )
@@ -408,7 +409,7 @@ def added_up(
             own = progress_from(state, n_cells, lines)
             at_lines, by_source = own.control_lines, own.sources
             first_point = int(np.flatnonzero(planned.points.area == i)[0])
-            _add_blocks(total, own, first_point)
+            add_blocks(total, own, first_point)
             share = min(share, own.stop_share)
             stops.append((evenly_kept(joined_rows(own.stops), run.seed, share), first_point))
         if only_energies_kj is None and len(sums) > 1:
@@ -467,23 +468,6 @@ def _add_counts(
     if joined.control_lines.control_lines:
         lines = np.array(area.record.control_lines, np.int64)
         joined.control_lines.add_sums(tally.control_lines, lines)
-
-
-def _add_blocks(total: Progress, own: Progress, first_point: int) -> None:
-    """Add what became of the blocks of an area, whose release points begin at ``first_point``."""
-    total.reasons += own.reasons
-    total.simulated += own.simulated
-    total.lost += own.lost
-    total.pieces += own.pieces
-    width = max(total.runout.shape[1], own.runout.shape[1])
-    total.runout, more = (
-        np.pad(r, ((0, 0), (0, width - r.shape[1]))) for r in (total.runout, own.runout)
-    )
-    total.runout += more
-    total.lines += [replace(lines, point=lines.point + first_point) for lines in own.lines]
-    if own.furthest is not None and (total.furthest is None or own.furthest[0] > total.furthest[0]):
-        reach, line, scenario, rock = own.furthest
-        total.furthest = (reach, line + first_point, scenario, rock)
 
 
 def _columns(own: NDArray[Any], wanted: NDArray[Any]) -> tuple[IntArray, IntArray]:

@@ -125,6 +125,11 @@ def _run_facts(result: RunResult) -> dict[str, object]:
         "--edits", type=PATH,
         help="Polygons of levels set by hand, with author, date and reason; in place of [edits].",
     ),
+    click.option(
+        "--reuse", type=PATH,
+        help="Result of the same inputs but for stations, walls, nets and galleries: only release "
+        "areas whose blocks come near a changed one are simulated again, with as many blocks.",
+    ),
     *WORKERS, MEMORY, OVERWRITE, AS_JSON,
     short_help="Simulate blocks, and make hazard zones; risk.",
     example="zone sassgis.toml -o zones",

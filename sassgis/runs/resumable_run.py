@@ -19,12 +19,13 @@ from sassgis.settings.languages import named, phrase
 from sassgis.settings.map_run import BlockRows, Config, MapRun, Round
 from sassgis.settings.process import require_memory
 from sassgis.settings.statistics_table import SUM_NAMES
-from sassgis.simulation.accumulators import Progress
+from sassgis.simulation.accumulators import Progress, join_parts
 from sassgis.simulation.checkpoint import Checkpoint
 from sassgis.simulation.control_lines import QUANTITIES
 from sassgis.simulation.estimate import estimate_of
 from sassgis.simulation.loop import check_starts, check_tolerance, simulate_map
 from sassgis.simulation.response import ToleranceCheck
+from sassgis.simulation.reuse import KEPT_NAME, keep_areas
 from sassgis.simulation.workers import Jobs, OnProgress, Workers, available_cores, held_back
 from sassgis.terrain.prepare import Plan, plan
 
@@ -42,6 +43,8 @@ _READINGS = 3
 AnyConfig = Config | str | Path | Mapping[str, Any]
 #: Gives another repetition of a run on its plan, after what there is so far; None: it is enough.
 NextRound = Callable[[MapRun, Plan, Progress], Round | None]
+#: Gives the progress from which a run begins.
+Begin = Callable[[MapRun], Progress]
 
 
 @dataclass(frozen=True, slots=True)
@@ -134,6 +137,7 @@ def simulate_job(
     next_round: NextRound | None = None,
     schedule: str = "",
     sums_only: bool = False,
+    begin: Begin | None = None,
 ) -> Simulation:
     """Simulate a job; what is computed is kept in the working folder whatever happens.
 
@@ -147,6 +151,9 @@ def simulate_job(
     sums_only : bool
         Whether only the sums are wanted, and written at once: no sample is repeated at other
         tolerances of the segments, and the state is not saved once more at the end.
+    begin : callable, optional
+        Gives the progress from which the run begins; default: nothing added yet. Sums of the
+        release areas that it keeps apart are written with the result, and joined.
     """
     config, run, planned, tell = job.config, job.run, job.planned, place.tell
     check_means(config, run, place.jobs)
@@ -156,7 +163,7 @@ def simulate_job(
     began = time.perf_counter()
     progress = checkpoint.restore(run, tell)
     if progress is None:
-        progress = Progress.fresh(run)
+        progress = Progress.fresh(run) if begin is None else begin(run)
     else:
         tell(f"Resuming after {progress.chunks} chunks of an interrupted run")
     while True:
@@ -164,16 +171,20 @@ def simulate_job(
         tell("Simulating")
         simulate_saved(
             run, planned, progress, checkpoint, jobs,
-            on_progress=place.on_progress, rows=_keeps_rows(config),
+            on_progress=place.on_progress, rows=keeps_rows(config),
         )  # fmt: skip
         more = None if next_round is None else next_round(run, planned, progress)
         if more is not None:
             progress.rounds = (*progress.rounds, more)
-        if more is not None or not sums_only or _keeps_rows(config):
+        if more is not None or not sums_only or keeps_rows(config):
             # Whatever happens while the result is written, the simulation is not lost.
             checkpoint.save(progress)
         if more is None:
             break
+    if progress.parts is not None:
+        if place.folder is not None:
+            keep_areas(place.folder / KEPT_NAME, progress, run)
+        join_parts(progress, run)
     seconds = time.perf_counter() - began
     tolerance = None
     if not sums_only:
@@ -208,10 +219,11 @@ def _changed(job: Job) -> list[str]:
 def state_fingerprint(config: Config, job: MapRun, schedule: str = "") -> str:
     """Fingerprint all that a saved state depends on: the run as read, and what tables keep."""
     # Digests of its files would not do: they may be edited while they are read.
-    return value_digest((job, _keeps_rows(config), schedule, SUM_NAMES, QUANTITIES))
+    return value_digest((job, keeps_rows(config), schedule, SUM_NAMES, QUANTITIES))
 
 
-def _keeps_rows(config: Config) -> bool:
+def keeps_rows(config: Config) -> bool:
+    """Return whether there will be a table of single blocks or passages."""
     return config.output.rock_table != "none" or config.output.passage_table != "none"
 
 

@@ -9,7 +9,9 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from sassgis.errors import ConfigError
 from sassgis.files.atomic_output import staged_output
+from sassgis.files.saved_arrays import saved_digest
 from sassgis.hazard.adaptive_sampling import MoreBlocks, check_budget
 from sassgis.hazard.assess import Assessment, Rules, assess
 from sassgis.hazard.sources import sampled_sources
@@ -29,6 +31,7 @@ from sassgis.runs.resumable_run import (
     Workplace,
     configured,
     jobs_within,
+    keeps_rows,
     read_job,
     simulate_job,
 )
@@ -38,6 +41,7 @@ from sassgis.settings.map_run import MapRun
 from sassgis.settings.results import RasterLayer, StopReason
 from sassgis.settings.statistics_table import bins_of
 from sassgis.simulation.accumulators import Progress
+from sassgis.simulation.reuse import KEPT_NAME, begun_with
 from sassgis.simulation.workers import Jobs, OnProgress
 from sassgis.studies.variants import GroundSpread
 from sassgis.terrain.prepare import Plan
@@ -51,6 +55,12 @@ if TYPE_CHECKING:
 _AUTO = (
     'hazard.blocks = "auto" is for zone and batch: run simulates {} blocks of each scenario at '
     "each release point (release.rocks_per_point)."
+)
+
+
+_NOT_REUSED = (
+    "an earlier result can be used again where there are walls, nets or galleries that are "
+    "compared (hazard.compare_barriers), and no tables of single blocks or passages"
 )
 
 
@@ -196,12 +206,15 @@ def zone(
     memory_gb: float | None = None,
     on_progress: OnProgress | None = None,
     say: Callable[[str], None] | None = None,
+    reuse: str | Path | None = None,
 ) -> ZoneResult:
     """Run a configuration and make hazard zones, and the risk of exposed objects if there are any.
 
     Everything that sassgis.runs.run.run writes, and ``hazard.gpkg``, maps of level, intensity,
     return period and confidence, tables of zones, barriers and risk. Parameters and errors are
-    those of sassgis.runs.run.run.
+    those of sassgis.runs.run.run, and ``reuse``: the folder of a result of the same inputs but for
+    stations, walls, nets and galleries. Only release areas whose blocks come near one that has
+    changed are simulated again, with as many blocks as there.
     """
     config = configured(config, seed)
     tell = say or (lambda _text: None)
@@ -215,7 +228,8 @@ def zone(
         jobs = jobs_within(config, job.run, jobs, memory_gb)
         place = Workplace(work, jobs, on_progress, tell)
         began = time.perf_counter()
-        done = zone_simulation(job, rules, place, along_slope=True)
+        earlier = None if reuse is None else Path(reuse)
+        done = zone_simulation(job, rules, place, along_slope=True, reuse=earlier)
         drawn = drawn_ground(done, place, known, rules, rules.placed)
         found, published = write_zones(work, rules, done, areas, tell, drawn=drawn)
         seconds = time.perf_counter() - began
@@ -268,12 +282,19 @@ def assessed(rules: Rules, done: Simulation) -> Assessment:
 
 
 def zone_simulation(
-    job: Job, rules: Rules, place: Workplace, sums_only: bool = False, along_slope: bool = False
+    job: Job,
+    rules: Rules,
+    place: Workplace,
+    *,
+    sums_only: bool = False,
+    along_slope: bool = False,
+    reuse: Path | None = None,
 ) -> Simulation:
     """Simulate with the barriers and, if that is wanted, the same blocks without them.
 
     ``sums_only`` as for simulate_job; ``along_slope``: without barriers blocks are recorded at
-    copies of the lines along the slope, too.
+    copies of the lines along the slope, too, and the sums of the release areas are kept for
+    another run. ``reuse`` is the folder of a result from which such sums are taken.
     """
     run, budget, more, schedule = job.run, job.config.hazard.budget, None, ""
     if budget is not None:
@@ -281,5 +302,15 @@ def zone_simulation(
         more = MoreBlocks(rules, budget, budget.seconds, place.tell)
         schedule = repr((budget, rules.preset, rules.frequencies))
     job = replace(job, run=compared_run(job.config, run, along_slope))
-    done = simulate_job(job, place, next_round=more, schedule=schedule, sums_only=sums_only)
+    begin = None
+    if along_slope and job.run.compared is not None and not keeps_rows(job.config):
+        begin = partial(Progress.fresh, apart=True)
+    if reuse is not None:
+        if begin is None:
+            raise ConfigError(_NOT_REUSED, file=job.config.file, field="barriers")
+        begin = partial(begun_with, reuse / KEPT_NAME)
+        schedule += f" {saved_digest(reuse / KEPT_NAME)}"
+    done = simulate_job(
+        job, place, next_round=more, schedule=schedule, sums_only=sums_only, begin=begin
+    )
     return replace(done, run=replace(done.run, further_stations=None))

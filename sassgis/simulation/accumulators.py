@@ -22,7 +22,7 @@ from sassgis.settings.results import (
     LineEnd,
     StopReason,
 )
-from sassgis.settings.statistics_table import bins_of
+from sassgis.settings.statistics_table import SUM_NAMES, bins_of
 from sassgis.simulation.control_lines import ControlLineSums
 from sassgis.simulation.map_sums import MapSums, Sample, weighted_counts, weighted_sums
 
@@ -249,6 +249,12 @@ class Progress:
     # After each repetition: blocks that were simulated, and the share of the zoned area whose level
     # another sample would change.
     history: list[tuple[int, float]] = field(default_factory=list)
+    # Sums of the release areas apart, by position; what they hold is not in the sums here until
+    # they are joined, but for the sources. None where they are not wanted apart.
+    parts: dict[int, Progress] | None = None
+    # Of an earlier result: areas of which all blocks of so many of the first rounds are there.
+    reused: tuple[int, ...] = ()
+    reused_rounds: int = 0
 
     @property
     def compared(self) -> bool:
@@ -272,12 +278,13 @@ class Progress:
         return within_metres(self.started_runout, *shares)
 
     @classmethod
-    def fresh(cls, run: MapRun) -> Progress:
-        """Return nothing added yet."""
+    def fresh(cls, run: MapRun, *, apart: bool = False) -> Progress:
+        """Return nothing added yet; ``apart``: sums of the release areas are kept apart."""
         n_rows, n_cols = run.grid.shape
         return cls(
             0, MapSums(n_rows * n_cols), ControlLineSums(tuple(g for g, _ in run.control_lines)),
             stop_share=1.0 if run.stop_points_max else 0.0, rounds=run.rounds,
+            parts={} if apart else None,
         )  # fmt: skip
 
 
@@ -291,6 +298,22 @@ def within_metres(counts: IntArray, *shares: float) -> tuple[int, ...]:
 
 def add_chunk(progress: Progress, outcome: ChunkResult, run: MapRun) -> None:
     """Add the result of a chunk; chunks are added in their order."""
+    if progress.worth is not None:
+        for scenario, result in outcome.sums.items():
+            np.add.at(progress.scores[:, scenario], outcome.points, result.worth)
+    own = progress
+    if progress.parts is not None:
+        own = progress.parts.setdefault(outcome.area, Progress.fresh(run))
+        progress.simulated -= own.simulated
+    _add_sums(own, outcome, run)
+    if progress.parts is not None:
+        progress.simulated += own.simulated
+        progress.sources |= own.sources
+    progress.chunks += 1
+
+
+def _add_sums(progress: Progress, outcome: ChunkResult, run: MapRun) -> None:
+    """Add the sums of a chunk."""
     weight, each = outcome.weight, run.release.rocks_per_point
     for scenario, result in outcome.sums.items():
         kept = weighted_sums(result.kept, weight, each)
@@ -301,8 +324,6 @@ def add_chunk(progress: Progress, outcome: ChunkResult, run: MapRun) -> None:
             progress.sources[source] = SourceTally.fresh(run)
         drawn = run.release.placement == "random"
         progress.sources[source].add(result, weight, each, drawn)
-        if progress.worth is not None:
-            np.add.at(progress.scores[:, scenario], outcome.points, result.worth)
     # Fragments and entrained blocks are no released blocks.
     released = outcome.rows.rocks["piece"] == 0
     progress.pieces += int((~released).sum())
@@ -322,13 +343,47 @@ def add_chunk(progress: Progress, outcome: ChunkResult, run: MapRun) -> None:
             progress.furthest = longest
     if outcome.lines.point.size:
         progress.lines.append(outcome.lines)
-    _keep_stops(progress, outcome.rows, run)
-    progress.chunks += 1
+    _keep_stops(progress, outcome.rows, run, 1.0 / float(outcome.rows.rock_weight.max(initial=1)))
 
 
-def _keep_stops(progress: Progress, rows: BlockRows, run: MapRun) -> None:
-    """Keep a share of the blocks: 1/weight at most, and less where they become too many."""
-    _keep_fewer(progress, run.seed, 1.0 / float(rows.rock_weight.max(initial=1)))
+def join_parts(progress: Progress, run: MapRun) -> None:
+    """Add the sums of the release areas, one after the other, and let go of them."""
+    parts, progress.parts = progress.parts or {}, None
+    simulated = progress.simulated
+    for _, part in sorted(parts.items()):
+        if progress.sums.cells.size:
+            columns = {name: part.sums.column(name) for name in SUM_NAMES}
+            progress.sums.add(part.sums.cells, columns)
+        else:
+            progress.sums = part.sums
+        n = len(progress.control_lines.control_lines)
+        progress.control_lines.add_sums(part.control_lines, np.arange(n))
+        add_blocks(progress, part)
+        _keep_stops(progress, joined_rows(part.stops), run, part.stop_share)
+        part.sums = MapSums(0)
+    progress.simulated = simulated
+
+
+def add_blocks(total: Progress, own: Progress, first_point: int = 0) -> None:
+    """Add what became of the blocks of an area, whose release points begin at ``first_point``."""
+    total.reasons += own.reasons
+    total.simulated += own.simulated
+    total.lost += own.lost
+    total.pieces += own.pieces
+    width = max(total.runout.shape[1], own.runout.shape[1])
+    total.runout, more = (
+        np.pad(r, ((0, 0), (0, width - r.shape[1]))) for r in (total.runout, own.runout)
+    )
+    total.runout += more
+    total.lines += [replace(lines, point=lines.point + first_point) for lines in own.lines]
+    if own.furthest is not None and (total.furthest is None or own.furthest[0] > total.furthest[0]):
+        reach, line, scenario, rock = own.furthest
+        total.furthest = (reach, line + first_point, scenario, rock)
+
+
+def _keep_stops(progress: Progress, rows: BlockRows, run: MapRun, most: float) -> None:
+    """Keep a share of the blocks, at most so large, and less where they become too many."""
+    _keep_fewer(progress, run.seed, most)
     progress.stops.append(evenly_kept(rows, run.seed, progress.stop_share))
     while sum(own.rocks.size for own in progress.stops) > 2 * run.stop_points_max:
         _keep_fewer(progress, run.seed, progress.stop_share / 2.0)

@@ -40,7 +40,8 @@ from sassgis.simulation.map_sums import MapSums
 
 #: Plain numbers of a progress and of the tally of a source.
 _NUMBERS: dict[str, Any] = {
-    "chunks": int, "lost": int, "pieces": int, "simulated": int, "stop_share": float
+    "chunks": int, "lost": int, "pieces": int, "simulated": int, "stop_share": float,
+    "reused_rounds": int,
 }  # fmt: skip
 _ARRAYS = ("reasons", "runout", "scores")
 _OF_SOURCE = ("rocks", "never_started", "simulated", "heaviest")
@@ -137,7 +138,11 @@ def state_of(progress: Progress) -> dict[str, NDArray[np.generic]]:
         "history": np.array(progress.history, np.float64).reshape(-1, 2),
         "furthest_m": np.array((progress.furthest or ())[:1], np.float64),
         "furthest_rock": np.array((progress.furthest or ())[1:], np.int64),
+        "reused": np.array(progress.reused, np.int64),
+        "apart": np.array(progress.parts is not None),
     }
+    for area, part in (progress.parts or {}).items():
+        state |= {f"area.{area}.{name}": own for name, own in state_of(part).items()}
     state |= {name: np.array(getattr(progress, name)) for name in _NUMBERS}
     state |= {
         f"halvings.{i}": own.halvings
@@ -147,7 +152,8 @@ def state_of(progress: Progress) -> dict[str, NDArray[np.generic]]:
     sums: dict[str, MapSums | ControlLineSums | SourceSums] = {
         "sums": progress.sums, "control_lines": progress.control_lines
     }  # fmt: skip
-    for (area, scenario), tally in progress.sources.items():
+    # Sources of areas that are apart are those of their parts.
+    for (area, scenario), tally in progress.sources.items() if progress.parts is None else ():
         name = f"source.{area}.{scenario}"
         state |= {f"{name}.{n}": np.array(getattr(tally, n)) for n in _OF_SOURCE}
         counted = ("cells", "objects", "control_lines")
@@ -177,6 +183,13 @@ def progress_from(
     Of the lines, the first ``compared`` are met with barriers, or all.
     """
     at_lines, sources = counts_from(state, n_cells, lines, compared)
+    areas = {int(name.split(".")[1]) for name in state if name.startswith("area.")}
+    parts = {
+        area: progress_from(_group(state, f"area.{area}"), n_cells, lines, compared)
+        for area in sorted(areas)
+    }
+    for part in parts.values():
+        sources |= part.sources
     worth = _group(state, "worth")
     furthest: Any = (*state["furthest_m"].tolist(), *state["furthest_rock"].tolist())
     plain: dict[str, Any] = {name: np.array(state[name]) for name in _ARRAYS}
@@ -193,6 +206,8 @@ def progress_from(
         # Of what is kept as a result it says nothing.
         seconds=float(state.get("seconds", 0.0)),
         worth=Worth(**worth) if worth else None,
+        parts=parts if state["apart"] else None,
+        reused=tuple(state["reused"].tolist()),
         sources=sources,
         lines=[FallLines(**_group(state, "lines"))],
         stops=[BlockRows(**_group(state, "stops"))],

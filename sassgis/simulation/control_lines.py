@@ -146,6 +146,15 @@ class ControlLineSums:
             own["least"][numbers] = np.minimum(own["least"][numbers], more["least"])
             own["most"][numbers] = np.maximum(own["most"][numbers], more["most"])
 
+    def only(self, numbers: IntArray) -> ControlLineSums:
+        """Return the counts at some of the control lines, by their positions."""
+        out = ControlLineSums(tuple(self.control_lines[i] for i in numbers))
+        out._outcomes += self._outcomes[numbers]
+        for q, own in out._of.items():
+            for name, values in own.items():
+                values[...] = np.take(self._of[q][name], numbers, axis=int(name == "sum"))
+        return out
+
     def outcomes(self, control_line: int) -> dict[Outcome, int]:
         """Count the blocks by outcome at a control line (its position)."""
         return {o: int(self._outcomes[control_line, o]) for o in Outcome}

@@ -486,11 +486,11 @@ def moved_lines(
 
 def mean_height_m(grid: Grid, trace: FloatArray) -> float:
     """Return the mean height of the ground below a line (m); NaN where it leaves the terrain."""
-    return float(grid.value_at(*_points(grid, trace).T).mean())
+    return float(grid.value_at(*points_on(grid, trace).T).mean())
 
 
 def _copies(grid: Grid, number: int, trace: FloatArray) -> list[MovedLine]:
-    points = _points(grid, trace)
+    points = points_on(grid, trace)
     reach = max(2.0 * grid.cell_size, 10.0)
     aside = reach * np.eye(2)
     fall = [grid.value_at(*(points - d).T) - grid.value_at(*(points + d).T) for d in aside]
@@ -503,7 +503,7 @@ def _copies(grid: Grid, number: int, trace: FloatArray) -> list[MovedLine]:
     return [c for c in copies if np.isfinite(mean_height_m(grid, c.trace))]
 
 
-def _points(grid: Grid, trace: FloatArray) -> FloatArray:
+def points_on(grid: Grid, trace: FloatArray) -> FloatArray:
     """Return points on a line, a cell apart at most."""
     dense = shapely.segmentize(shapely.LineString(trace), grid.cell_size)
     points: FloatArray = shapely.get_coordinates(dense)

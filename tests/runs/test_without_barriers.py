@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -12,16 +13,18 @@ from helpers.map_sums_state import assert_same
 from helpers.zone_slope import Case, box, place, two_areas
 
 from sassgis.engine.effects.fragmentation import Fragmentation
+from sassgis.errors import ConfigError, InputError
 from sassgis.grid import FloatArray
 from sassgis.runs.inputs import compared_run, read_rules
-from sassgis.runs.resumable_run import Workplace, configured, read_job
-from sassgis.runs.run import prepared, zone_simulation
+from sassgis.runs.resumable_run import Simulation, Workplace, configured, read_job
+from sassgis.runs.run import prepared, zone, zone_simulation
 from sassgis.settings.blocks import EffectSettings
-from sassgis.settings.map_run import MapRun, Round
+from sassgis.settings.map_run import Config, MapRun, Round
 from sassgis.settings.results import ControlLine, Outcome, StopReason
 from sassgis.simulation.accumulators import Progress, as_stations
 from sassgis.simulation.checkpoint import progress_from, state_of
 from sassgis.simulation.loop import simulate_map
+from sassgis.simulation.reuse import KEPT_NAME
 from sassgis.terrain.prepare import Plan, plan
 
 
@@ -148,3 +151,62 @@ def test_nothing_is_simulated_without_barriers_where_nobody_asks(case: Case, job
         assert not simulate_map(run, plan(run)).compared
     asked = replace(config, hazard=replace(config.hazard, compare_barriers=False))
     assert compared_run(asked, replace(stations, control_lines=LINES)).further_stations is None
+
+
+def _zone_case(folder: Path, *nets: dict[str, Any]) -> Path:
+    """A zoning of two areas, a gully between them, in rounds, with some nets."""
+    case = two_areas(folder, hazard={"ref_width_m": 6.0, "blocks": "auto", "blocks_max": 900})
+    case.lists["barriers"] = [{"kind": "net", "capacity_kj": 100.0, **own} for own in nets]
+    return case.write()
+
+
+def _net(name: str, col: float, row: float, height_m: float = 2.0) -> dict[str, Any]:
+    line = [list(place(col, at)) for at in (row, row + 5.0)]
+    return {"name": name, "height_m": height_m, "line": line}
+
+
+def _simulated(
+    config: Path, work: Path, chunks: list[int], reuse: Path | None = None
+) -> tuple[Config, Simulation]:
+    """Simulate as for zones into a folder; ``chunks`` grows with each that is simulated."""
+    settings = configured(config, None)
+    read = read_job(settings, None, lambda _text: None)
+    rules = read_rules(settings, read.run)
+    work.mkdir()
+    where = Workplace(work, 1, lambda done, *_: chunks.append(done), lambda _text: None)
+    job = prepared(read, rules)
+    return settings, zone_simulation(job, rules, where, along_slope=True, reuse=reuse)
+
+
+def test_only_areas_near_a_changed_barrier_are_simulated_again(tmp_path: Path) -> None:
+    other = _net("south", 16.0, 43.0)
+    config = _zone_case(tmp_path, _net("north", 14.0, 22.0), other)
+    _, first = _simulated(config, tmp_path / "first", before := [])
+    # The north net is moved; another is new, and the south one, which stays, has another place in
+    # the list.
+    config = _zone_case(tmp_path, _net("new", 12.0, 24.0), other, _net("north", 15.0, 22.0, 3.0))
+    settings, again = _simulated(config, tmp_path / "again", chunks := [], tmp_path / "first")
+    progress = again.progress
+    assert progress.reused == (1,) and 0 < len(chunks) < len(before)
+    # All is as if all were simulated, in the rounds of the first result.
+    run = compared_run(settings, again.run, along_slope=True)
+    assert len(run.rounds) >= progress.reused_rounds == len(first.run.rounds) > 1
+    assert_same(progress, simulate_map(again.run, again.planned))
+    _assert_same_without(progress, run, again.planned)
+    # And so it can be used once more: with nothing changed nothing is simulated.
+    _, third = _simulated(config, tmp_path / "third", chunks := [], tmp_path / "again")
+    assert not chunks and third.progress.reused == (0, 1)
+    assert_same(third.progress, progress)
+
+
+def test_a_result_that_cannot_be_used_again_is_refused(tmp_path: Path) -> None:
+    config = _zone_case(tmp_path, _net("north", 14.0, 22.0))
+    _simulated(config, tmp_path / "first", [])
+    again = partial(zone, out=tmp_path / "again", jobs=1, reuse=tmp_path / "first")
+    with pytest.raises(InputError, match=r"run\.seed: the earlier result is of other inputs"):
+        again(config, seed=7)
+    (tmp_path / "first" / KEPT_NAME).unlink()
+    with pytest.raises(InputError, match="no sums of release areas"):
+        again(config)
+    with pytest.raises(ConfigError, match="where there are walls, nets or galleries"):
+        again(_zone_case(tmp_path))
