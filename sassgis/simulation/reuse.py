@@ -30,7 +30,7 @@ from sassgis.terrain.fall_lines import points_on
 KEPT_NAME = "simulation.npz"
 #: Fields of a run that may be others: rounds are those of the earlier result.
 _OTHERS = ("control_lines", "further_stations", "rounds")
-#: Keys of the configuration that give fields which are not named like their section.
+#: Keys of the configuration behind fields that have no name of a section.
 _KEYS = {
     "grid": "terrain.dem", "table": "ground.classes", "areas": "release.file", "seed": "run.seed",
     "stop_points_max": "output.stop_points_max", "thresholds_kj": "hazard.preset",
