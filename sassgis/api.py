@@ -304,7 +304,8 @@ def _assessed(
     from sassgis.outputs.qgis.layout import drawing_on_sheet
 
     grid = dataset_grid(maps)
-    preset = read_preset(rules or json.loads(maps.attrs["settings"])["hazard"]["preset"])
+    given = rules or json.loads(maps.attrs["settings"])["hazard"]["preset"]
+    preset = read_preset(given, "rules")
     sampled, energies = dataset_sources(maps, preset)
     frequencies = {(s.source.area, s.source.scenario): s.source.frequency for s in sampled}
     width, spacing = (float(maps.attrs[name]) for name in ("ref_width_m", "release_spacing_m"))

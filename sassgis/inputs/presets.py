@@ -75,10 +75,10 @@ def preset_text(name: str) -> str:
     return (_FOLDER / f"{name}.toml").read_text(encoding="utf-8")
 
 
-def read_preset(name: str | PathLike[str]) -> HazardPreset:
+def read_preset(name: str | PathLike[str], key: str = "preset") -> HazardPreset:
     """Read a hazard preset: one of ``preset_names()``, or a TOML file, whose name it takes.
 
-    docs/presets.md describes such a file.
+    docs/presets.md describes such a file. Errors say that ``key`` names it.
     """
     if isinstance(name, str) and name in preset_names():
         return _preset(preset_text(name), name, f"built-in preset {name}")
@@ -86,9 +86,9 @@ def read_preset(name: str | PathLike[str]) -> HazardPreset:
     if path.suffix.lower() != ".toml" and not os.path.isfile(path):
         expected = f"{nearest(str(name), preset_names())}, or the path of a .toml file"
         raise InputError(
-            "is not a known hazard preset", field="preset", found=repr(str(name)), expected=expected
+            "is not a known hazard preset", field=key, found=repr(str(name)), expected=expected
         )
-    return _preset(read_text(path, "preset", _WHAT), path.stem, str(path))
+    return _preset(read_text(path, key, _WHAT), path.stem, str(path))
 
 
 def _preset(text: str, name: str, file: str) -> HazardPreset:

@@ -18,6 +18,7 @@ from sassgis.errors import ConfigError, InputError, notice
 from sassgis.files.vector_layer import descriptions
 from sassgis.grid import FloatArray, Grid
 from sassgis.inputs.config import control_line_of
+from sassgis.inputs.dem_system import extent_text
 from sassgis.inputs.result_folder import EDITS_FILE, EDITS_LAYER, read_layer
 from sassgis.inputs.vector_features import (
     Feature,
@@ -270,8 +271,11 @@ def read_line(file: Input, grid: Grid, key: str) -> FloatArray:
     # Half a cell: heights are known between the centres of cells.
     inside = shapely.box(*grid.bounds).buffer(-0.5 * grid.cell_size, join_style="mitre")
     if not inside.contains(feature.geometry):
-        what = f"{feature.label} or a part of it"
-        raise outside(file, key, what, feature.geometry.bounds, grid)
+        raise InputError(
+            f"{feature.label} or a part of it lies outside the DEM", file=file, field=key,
+            found=extent_text(*feature.geometry.bounds),
+            expected=f"within {extent_text(*inside.bounds)}, half a cell from its edge",
+        )  # fmt: skip
     return points
 
 

@@ -70,7 +70,7 @@ def site_template(
     gives system and extent only, as QGIS opens single files.
     """
     if path.suffix.lower() != ".gpkg":
-        raise OutputError(f"{path}: cannot see what to write; expected a name ending in .gpkg")
+        raise InputError("cannot be written", file=path, expected="a name ending in .gpkg")
     project = path.with_suffix(".qgz")
     ground: tuple[LayerEntry, ...] = ()
     if dem is None:
@@ -212,6 +212,8 @@ def observations_template(path: Path | str, *, crs: str | None = None) -> Path:
 
     Raises
     ------
+    InputError
+        If the path is neither; if the system is not understood.
     OutputError
         If it exists already or cannot be written.
     """
@@ -219,7 +221,7 @@ def observations_template(path: Path | str, *, crs: str | None = None) -> Path:
     if path.suffix.lower() == ".gpkg":
         return _gpkg_template(path, crs)
     if path.suffix:
-        raise OutputError(f"{path}: cannot see what to write; expected a folder or a .gpkg file")
+        raise InputError("cannot be written", file=path, expected="a folder or a .gpkg file")
     if path.exists() and (not path.is_dir() or any(path.iterdir())):
         raise OutputError(f"{path}: exists already and is not empty")
     with writing(path):
@@ -255,7 +257,7 @@ def _rows(columns: Iterable[Column]) -> list[str]:
 def _gpkg_template(path: Path, crs: str | None) -> Path:
     if path.exists():
         raise OutputError(f"{path}: exists already")
-    system = None if crs is None else parse_crs(crs)
+    system = None if crs is None else parse_crs(crs, field="--crs")
     described: list[tuple[str, str, str, str]] = []
     with writing(path):
         path.parent.mkdir(parents=True, exist_ok=True)

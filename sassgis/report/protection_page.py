@@ -222,7 +222,8 @@ def best_places(places: pd.DataFrame) -> tuple[pd.Series, pd.Series] | None:
 #: Columns of protection.csv in the sheets: key, title, and kinds of lines that have it.
 _NEEDS = (
     ("net_class", "energy class", "station net"),
-    ("net_height_m", "net height | m", "station net wall"),
+    ("net_height_m", "net height | m", "station net"),
+    ("net_height_m", "wall height | m", "wall"),
     (BEHIND, "energy behind | kJ", "net"),
     (LOAD, "energy of hits | kJ", "wall"),
     (LOAD, "energy into the roof | kJ", "gallery"),

@@ -14,7 +14,7 @@ from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from contextvars import ContextVar
 from dataclasses import replace
-from functools import cache, reduce
+from functools import cache
 from importlib import resources
 from typing import Any, Literal, TypeVar, get_args
 
@@ -89,9 +89,9 @@ def capital(text: str) -> Phrase:
 
 
 def all_of(parts: Iterable[str]) -> Phrase:
-    """Return texts one after the other, with "and" between them."""
-    members = list(map(phrase, parts)) or [phrase("")]
-    return reduce(lambda before, last: phrase("{} and {}", before, last), members)
+    """Return texts one after the other, with commas and "and" between them."""
+    *before, last = list(map(phrase, parts)) or [phrase("")]
+    return phrase("{} and {}", joined(", ", before), last) if before else last
 
 
 @contextmanager

@@ -377,7 +377,7 @@ _EXPECTED = {
     "string_too_short": "a text that is not empty",
     "string_too_long": "at most {max_length} characters",
     "literal_error": "one of {expected}",
-    "too_short": "a list of at least {min_length}",
+    "too_short": "a list of at least {min_length} entries",
     "too_long": "{max_length} numbers",
 }
 _LIMITS = ("greater_than", "greater_than_equal", "less_than", "less_than_equal")

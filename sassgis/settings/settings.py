@@ -364,7 +364,9 @@ class BarrierSettings(StationSettings):
     """
 
     kind: Annotated[
-        Literal["wall", "net", "gallery"] | None, "wall, net or gallery", Example("net")
+        Literal["wall", "net", "gallery"] | None,
+        "wall (or dam), net or gallery",
+        Example("net"),
     ] = None
     kind_field: FieldName = None
     height_m: Annotated[

@@ -280,6 +280,8 @@ def test_areas_have_the_names_of_their_column() -> None:
 
 
 def test_a_dataset_draws_its_zones_in_the_colours_of_the_preset(maps: xr.Dataset) -> None:
+    with pytest.raises(sassgis.InputError, match=r"^rules: is not a known hazard preset"):
+        maps.sassgis.plot_zones("ch-xx")
     zones, preset = sassgis.zones(maps), read_preset("ch-so")
     axes = maps.sassgis.plot_zones(ax=Figure().subplots())
     drawn = {own.get_label(): own for own in axes.collections}

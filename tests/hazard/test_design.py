@@ -232,8 +232,12 @@ def test_a_wall_is_loaded_by_what_it_stops_and_topped_by_the_rest() -> None:
     wall = ControlLine("dam", "wall", 4.0)
     sums = ControlLineSums((wall,))
     sums.add(passages([Outcome.OVERTOPPED, Outcome.STOPPED]))
-    row = protection_table([wall], sampled(sums), sampled(sums), (10.0,), 2700.0).iloc[0]
+    needs = protection_table([wall], sampled(sums), sampled(sums), (10.0,), 2700.0)
+    row = needs.iloc[0]
     assert row["hits_per_year"] == row["over_per_year"] == 0.5
+    sheet = needs_table(design_table([wall], sampled(sums), (10.0,)).iloc[0], needs)
+    heads = [name for name, _ in sheet.columns]
+    assert heads[-3:] == ["wall height", "energy of hits", "energy over the top"]
     # A tenth a year above 80 kJ of each half.
     assert row["load_kj"] == pytest.approx(80.0, rel=0.06)
     assert row["energy_over_kj"] == pytest.approx(80.0, rel=0.06)

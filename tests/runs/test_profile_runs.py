@@ -149,8 +149,10 @@ def test_a_drawn_line_gives_the_heights_of_the_terrain_under_it(small, tmp_path:
 def test_a_drawn_line_must_be_one_and_over_the_terrain(small, tmp_path: Path) -> None:
     across = shapely.LineString([(2_700_100, 1_120_500), (2_800_000, 1_120_500)])
     inside = shapely.LineString([(2_700_100, 1_120_500), (2_700_300, 1_120_500)])
+    to_edge = shapely.LineString([(2_700_000, 1_120_500), (2_700_300, 1_120_500)])
     for lines, words in (
         ((across,), "lies outside"),
+        ((to_edge,), r"found x 2700000 to .*expected within x 2700001 to .*half a cell"),
         ((inside, inside), "several lines"),
         ((shapely.LineString([(2_700_100, 1_120_500), (2_700_100.5, 1_120_500)]),), "no profile"),
     ):

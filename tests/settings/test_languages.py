@@ -16,6 +16,7 @@ import pytest
 from sassgis.settings.languages import (
     LANGUAGES,
     Language,
+    all_of,
     counted,
     current_language,
     in_language,
@@ -152,3 +153,9 @@ def test_the_language_ends_with_its_block() -> None:
         assert translated("net") != translated(named("net")) == "net"
         raise RuntimeError
     assert current_language() == "en" and translated("Maps") == "Maps"
+
+
+def test_the_last_of_several_texts_follows_and() -> None:
+    with in_language("de"):
+        said = [translated(all_of(own)) for own in (["wall"], ["a", "b"], ["a", "b", "c"])]
+    assert said == ["Damm", "a und b", "a, b und c"]

@@ -313,7 +313,7 @@ RULES: Mapping[str, Rule] = {
     "ends early": Rule("error", "ends before it starts", "t_end_s", "t_start_s or later", "value"),
     "overlap": Rule("error", "ends after the next contact of the rock has begun", "t_end_s",
                     "times that rise from contact to contact", "value"),
-    "no place": Rule("warning", "has no place: its time and spin alone are used", "x, y",
+    "no place": Rule("warning", "no place: time and spin alone are used", "x, y",
                      "centre of the rock at the contact"),
     "too far": Rule("warning", "farther from the contact before than any fall takes the rock in "
                     "that time", "x, y, z", "{fastest:.1f} m/s at most", "value"),

@@ -203,7 +203,7 @@ FAULTS: dict[str, tuple[dict[str, Any], str, str, list[int], str]] = {
     ),
     "no place": (
         {name: put(name, 3, math.nan)[name] for name in "xyz"}, "warning", "x, y", [4],
-        "has no place: its time and spin alone are used",
+        "no place: time and spin alone are used",
     ),
     "stray place": (put("y", 4, 20.0), "warning", "x, y, z", [5], "farther from the contact"),
     "stray first place": (put("y", 0, 140.0), "warning", "x, y, z", [1], "farther from"),

@@ -584,8 +584,10 @@ def test_template_of_csv_files_has_all_columns_and_can_be_filled_in(tmp_path, sl
             assert column.name in guide and column.meaning in guide
     with pytest.raises(OutputError, match="exists already"):
         observations_template(path)
-    with pytest.raises(OutputError, match="cannot see what to write"):
+    with pytest.raises(InputError, match=r"expected a folder or a \.gpkg file"):
         observations_template(tmp_path / "observed.xlsx")
+    with pytest.raises(InputError, match="--crs: is no coordinate system"):
+        observations_template(tmp_path / "observed.gpkg", crs="EPSG:999999")
     with (path / "deposits.csv").open("a") as file:
         x, y, z = at(0, 250)
         file.write(f"R1,{x},{y},{z},100,\n")
