@@ -96,7 +96,8 @@ def test_edits_that_cannot_be_used(
 def test_only_a_drawn_perimeter_is_declared_as_assessed(case: Case, printed, refusal) -> None:
     drawn = box(-5.0, 20.0, 15.0, 12.0)
     case.write_layer("perimeter.gpkg", [drawn], {})
-    for file, state in ((None, "to_be_clarified"), ("perimeter.gpkg", "complete")):
+    states = {"to_be_clarified": None, "complete": "perimeter.gpkg"}
+    for state, file in states.items():
         case.set("hazard.assessed", file)
         out = case.folder / state
         printed("zone", case.config, "-o", out)
@@ -106,6 +107,9 @@ def test_only_a_drawn_perimeter_is_declared_as_assessed(case: Case, printed, ref
     expected = known.union_all().intersection(drawn)
     assert 0.0 < expected.area < drawn.area
     assert area.union_all().symmetric_difference(expected).area < 1e-3
+    told = {state: (case.folder / state / "report.html").read_text("utf-8") for state in states}
+    assert "outside the area of hazard.assessed" in told["complete"]
+    assert "outside the area of hazard.assessed" not in told["to_be_clarified"]
     case.write_layer("perimeter.gpkg", [box(500.0, 5.0, 510.0, 10.0)], {})
     line = refusal("zone", case.config, "-o", case.folder / "far")
     assert "perimeter.gpkg: hazard.assessed" in line, line
