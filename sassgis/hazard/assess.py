@@ -176,9 +176,9 @@ class Hazard:
 
     @property
     def uncertain_share(self) -> float:
-        """Area whose level another sample might change, over the area that has a level."""
-        zoned = int((self.chances.level > 0).sum())
-        return float(self.uncertain.sum()) / zoned if zoned else 0.0
+        """Share of the area that has a level on which another sample might change it."""
+        zoned = self.chances.level > 0
+        return float(self.uncertain[zoned].mean()) if zoned.any() else 0.0
 
 
 def raster(grid: Grid, cells: IntArray, classes: np.ndarray) -> ClassMap:

@@ -8,8 +8,10 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
+from typing import Any
 
 import numpy as np
+import shapely
 
 from sassgis.engine.effects.lateral_deflection import LateralDeflection
 from sassgis.grid import IntArray
@@ -301,6 +303,16 @@ def edit_lines(applied: Sequence[AppliedEdit]) -> list[str]:
     one = "Hazard zones edited by hand at {} place ({}). Intensities and risk are as computed."
     more = "Hazard zones edited by hand at {} places ({}). Intensities and risk are as computed."
     return [counted(len(applied), one, more, len(applied), authors)]
+
+
+def assessed_warnings(zones: Iterable[Any], assessed: Sequence[Any]) -> list[str]:
+    """Warn of zones beyond the polygons of what was assessed completely, if there are any."""
+    zoned = shapely.union_all(list(zones))
+    beyond = zoned.difference(shapely.union_all(list(assessed))).area if assessed else 0.0
+    if beyond < 1.0:
+        return []
+    text = "{} m² of the zones ({} %) lie outside the area of hazard.assessed."
+    return [phrase(text, thousands(round(beyond)), short(100.0 * beyond / zoned.area))]
 
 
 def edit_warnings(applied: Sequence[AppliedEdit]) -> list[str]:

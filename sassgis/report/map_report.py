@@ -116,7 +116,10 @@ def zone_lines(
     """State the area of the zones by level, the risk of all objects, and how sure they are."""
     areas = [phrase("{} {} m²", phrase(str(row[0])), sensible(row[2])) for row in levels.rows]
     hazard = found.hazard
-    text = "{} The hatched cells ({} % of the zoned area) hold {} % of these changes."
+    text = (
+        "{} The hatched cells ({} % of the zoned area, and cells beyond it) hold {} % of these "
+        "changes."
+    )
     shares = (f"{100 * share:.3g}" for share in (hazard.uncertain_share, confidence))
     sample = phrase(text, sample_words(hazard.chances, preset), *shares)
     lines: list[tuple[str, str]] = [("Hazard zones", joined("; ", areas))]

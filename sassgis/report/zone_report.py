@@ -298,7 +298,7 @@ def level_table(preset: HazardPreset, found: Assessment) -> ReportTable:
         columns,
         list(zip(*cells, strict=True))[::-1],
         "No zone has a lower level than a cell in it. Gaps are closed; small zones are enlarged "
-        "or raised. Zone areas are therefore slightly larger than cell areas.",
+        "or raised. Zone areas are therefore larger than cell areas.",
     )
 
 

@@ -15,6 +15,7 @@ from sassgis.hazard.risk import RiskTable
 from sassgis.hazard.sampling_error import LevelChances
 from sassgis.hazard.sources import line_parts
 from sassgis.hazard.warnings import (
+    assessed_warnings,
     edge_words,
     edit_warnings,
     ground_shares,
@@ -154,6 +155,7 @@ def zone_extras(rules: Rules, found: Assessment, done: Simulation, figures: Path
             *rule_warnings(preset, rules.frequencies),
             *zone_warnings(hazard.chances, preset, budget),
             *edit_warnings(hazard.edits),
+            *assessed_warnings(hazard.levels.polygons, rules.assessed),
         ),
         placed=rules.placed,
         edits=edits,
