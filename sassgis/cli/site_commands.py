@@ -202,7 +202,7 @@ def new(file: Path, **given: Any) -> None:
     ),
     click.option("--all", "every", is_flag=True, help="Every key, with its meaning and default."),
     click.option("--overwrite", is_flag=True, help="Overwrite, unless the file was edited."),
-    short_help="Write a configuration with the settings that every site needs.",
+    short_help="Write a configuration: settings that every site needs.",
     example="init --dem terrain/terrain.vrt --release site.gpkg",
 )  # fmt: skip
 def init(

@@ -59,7 +59,7 @@ class Visits:
 
 
 @dataclass(frozen=True, slots=True)
-class WithoutBarriers:
+class BlocksWithoutBarriers:
     """The same blocks as if there were no barriers."""
 
     # Flat indices of the cells, or of those in the middle of the windows if asked for, at which
@@ -99,7 +99,7 @@ class Simulated:
     looked_at: tuple[int, int, int, int] | None = None
     # Of what the blocks of each point leave open; empty on given lines, 0 unless asked for.
     worth: FloatArray = field(default_factory=lambda: np.empty(0))
-    without: WithoutBarriers | None = None  # if asked for
+    without: BlocksWithoutBarriers | None = None  # if asked for
 
     @cached_property
     def sums(self) -> dict[str, NDArray[np.generic]]:
@@ -136,7 +136,7 @@ def left_in_cells(totals: Totals, work: Work, rows: IntArray) -> dict[str, Any]:
 
 def without_barriers(
     totals: Totals, rows: Rows, places: IntArray, changes: Exceedance
-) -> WithoutBarriers | None:
+) -> BlocksWithoutBarriers | None:
     """Return the same blocks without barriers; None where these were not wanted.
 
     ``places`` are flat indices of those at which hazard is counted, with their changes.
@@ -150,7 +150,7 @@ def without_barriers(
     passages = rows.passages_without.rows[: rows.passages_without.n[0]].view(PASSAGE_DTYPE)
     passages["outcome"] = Outcome.PASSED
     idle = int((rows.reasons_without == StopReason.NEVER_STARTED).sum())
-    return WithoutBarriers(
+    return BlocksWithoutBarriers(
         places[some], {name: own[some] for name, own in counts.items()},
         by_threshold(totals.changes.objects), passages, idle,
     )  # fmt: skip

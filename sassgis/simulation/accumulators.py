@@ -355,7 +355,7 @@ def _add_sums(progress: Progress, outcome: ChunkResult, run: MapRun) -> None:
 
 
 def join_parts(progress: Progress, run: MapRun) -> None:
-    """Add the sums of the release areas, one after the other, and let go of them."""
+    """Add the sums of the release areas, one after the other, and free them."""
     parts, progress.parts = progress.parts or {}, None
     simulated = progress.simulated
     for _, part in sorted(parts.items()):

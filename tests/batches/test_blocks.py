@@ -295,7 +295,7 @@ def test_stops_of_areas_are_kept_at_one_share(monkeypatch: pytest.MonkeyPatch) -
         np.zeros(0, PASSAGE_DTYPE), none, np.ones(rocks.size, np.int64), none,
     )  # fmt: skip
 
-    def state(of: Reached, _without: bool, _wanted: Callable[[str], bool]) -> dict[str, Any]:
+    def state(of: Reached, _wanted: Callable[[str], bool]) -> dict[str, Any]:
         share = shares[of.name]
         own = Progress(
             0, MapSums(4), ControlLineSums(()), stops=[evenly_kept(rows, 3, share)],
