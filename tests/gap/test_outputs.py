@@ -240,7 +240,7 @@ def test_a_diagnosis_that_found_nothing_at_all_is_written(few: Made, tmp_path: P
         measure_next=(), tables={},
     )  # fmt: skip
     out = outputs(few, diagnosis, tmp_path / "out")
-    assert "Nothing could be compared" in words_of(out / "report.html")
+    assert "No place has enough data for a comparison." in words_of(out / "report.html")
 
 
 def test_local_coordinates_are_written(slope: Grid, tmp_path: Path) -> None:
@@ -622,8 +622,8 @@ def test_the_answer_comes_first_with_its_uncertainty(written: Path) -> None:
         ("de", ("Bäume: 71 %", "Wo die Abweichung des konfigurierten Modells liegt",
                 "Geschwindigkeit bei S2: beobachtet", "Kalibrierte Modelle", "Ausbruch-S1"),
         ),
-        ("fr", ("Arbres\u00a0: 71 %", "Où se situe l'écart du modèle configuré",
-                "Vitesse à S2\u00a0: observé", "Modèles calibrés", "départ-S1"),
+        ("fr", ("Arbres : 71 %", "Où se situe l'écart du modèle configuré",
+                "Vitesse à S2 : observé", "Modèles calibrés", "départ-S1"),
         ),
     ],
 )  # fmt: skip

@@ -141,7 +141,7 @@ def test_without_spread_the_bands_have_no_width(
     assert "run.ground_uncertainty" in refusal(*arguments, "-1")
     lines = printed(*arguments, "3").splitlines()
     assert lines[1].startswith("With the spread of the ground classes between sites")
-    assert lines[2].startswith("None of the classes that blocks meet has a spread; 3 draws are few")
+    assert lines[2].startswith("None of the classes that blocks meet has a spread; only 3 draws")
     bands = pd.read_csv(out / "tables" / "ground_uncertainty.csv")
     for limit in ("q10", "q90"):
         assert np.array_equal(bands[limit], bands["base"], equal_nan=True)

@@ -68,4 +68,4 @@ def test_areas_without_a_block_are_named(tmp_path: Path) -> None:
     done = simulate_job(job, Workplace(tmp_path / "work", 1, None, lambda _: None))
     for warnings in (check_inputs(config).warnings, done.warnings):
         (idle,) = (text for text in warnings if text.startswith("No block starts"))
-        assert "a descent: north." in idle
+        assert "known heights: north." in idle

@@ -179,7 +179,7 @@ def test_levels_of_other_presets_and_widths_are_not_compared() -> None:
     for other, words in (
         (replace(one, maps=maps), "different levels"),
         (wide, "10 m and 5 m"),
-        (without, "not both"),
+        (without, "one of the results has none"),
     ):
         assert words in levels_differ(one, other)
         found = result_change(one, other, NO_OBJECTS)

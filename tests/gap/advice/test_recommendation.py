@@ -287,7 +287,8 @@ def test_rocks_that_a_model_stops_too_early_count_as_a_shortfall(
     assert short.far_short and short.side == "unsafe"
     assert none == (len(found) == 1)
     said = first_sentence(replace(advice("trees", left=(short,)), short=short), RUNGS, NOTHING)
-    assert f": before {short.place} {short.gap:.0f} % of all simulated blocks stop too" in said
+    of_all = f"{short.place} {short.gap:.0f} % of all simulated blocks stop too early"
+    assert f"efore {of_all}" in said
     # All were seen: samples of the rocks are all alike, those of the model are not.
     lucky = replace(problem, rows=problem.rows.copy())
     lucky.rows[:, absent] = 0.0
