@@ -8,12 +8,14 @@ from typing import Any
 
 import numpy as np
 import pytest
+import shapely
 from helpers.hazard_samples import swiss
 from helpers.terrains import grid_of, rough
 
 from sassgis.hazard.sampling_error import LevelChances
 from sassgis.hazard.warnings import (
     SetUp,
+    assessed_warnings,
     ground_warnings,
     path_warnings,
     rule_warnings,
@@ -93,3 +95,11 @@ def test_what_stays_uncertain_is_told_beyond_the_limit_only() -> None:
     (text,) = zone_warnings(chances, swiss(), BlockBudget(0.05))
     assert "4.0 % of the zoned area changes level" in text and "is 5 %" in text
     assert "slight 40.0 %, residual 0.0 %" in text and "moderate" not in text
+
+
+def test_zones_beyond_the_assessed_area_are_told() -> None:
+    zone, half = shapely.box(0, 0, 10, 10), shapely.box(0, 0, 5, 10)
+    assert assessed_warnings([zone], (half,)) == [
+        "50 m² of the zones (50 %) lie outside the area of hazard.assessed."
+    ]
+    assert not assessed_warnings([zone], ()) and not assessed_warnings([half], (zone,))
