@@ -260,7 +260,7 @@ def sensitivity(config: Path, out: Path, **given: Any) -> None:
     example="compare zones_before zones_after -o change",
 )
 def compare(before: Path, after: Path, out: Path, overwrite: bool) -> None:
-    """Report the changes from the result BEFORE to the result AFTER."""
+    """Report changes from the result BEFORE to the result AFTER."""
     from sassgis.runs.compare import compare as compare_results
 
     change = compare_results(before, after, out, overwrite=overwrite)

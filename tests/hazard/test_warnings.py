@@ -93,7 +93,7 @@ def test_what_stays_uncertain_is_told_beyond_the_limit_only() -> None:
     assert not zone_warnings(chances, swiss(), None)
     assert not zone_warnings(chances, swiss(), BlockBudget(0.21))
     (text,) = zone_warnings(chances, swiss(), BlockBudget(0.05))
-    assert "4.0 % of the zoned area changes level" in text and "is 5 %" in text
+    assert "4.0 % of the zoned area changes level" in text and "limit of 5 %" in text
     assert "slight 40.0 %, residual 0.0 %" in text and "moderate" not in text
 
 
