@@ -315,5 +315,5 @@ def test_inputs_that_change_meanwhile_are_named(
         frame.to_file(file, driver="GPKG")
 
     told = run(config, tmp_path / "out", jobs=1, on_progress=edit).warnings
-    assert [t for t in told if t.startswith("release.gpkg has changed since it was read")]
+    assert [t for t in told if t.startswith("release.gpkg changed after it was read")]
     assert not [t for t in told if t.startswith(("dem.tif", "config.toml"))]

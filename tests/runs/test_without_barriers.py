@@ -154,8 +154,11 @@ def test_nothing_is_simulated_without_barriers_where_nobody_asks(case: Case, job
 
 
 def _zone_case(folder: Path, *nets: dict[str, Any]) -> Path:
-    """A zoning of two areas, a gully between them, in rounds, with some nets."""
+    """A zoning of two areas, one far below the other, in rounds, with some nets."""
     case = two_areas(folder, hazard={"ref_width_m": 6.0, "blocks": "auto", "blocks_max": 900})
+    # The second area lies below all places at which a net of the first may stand.
+    areas = [box(4.0, 20.0, 8.0, 9.0), box(50.0, 52.0, 7.0, 9.0)]
+    case.write_layer("release.gpkg", areas, {"name": ["north", "south"]})
     case.lists["barriers"] = [{"kind": "net", "capacity_kj": 100.0, **own} for own in nets]
     return case.write()
 
