@@ -130,11 +130,6 @@ def _run_facts(result: RunResult) -> dict[str, object]:
         help="Result of the same inputs but for stations, walls, nets and galleries: only release "
         "areas whose blocks come near a changed one are simulated again, with as many blocks.",
     ),
-    click.option(
-        "--reuse", type=PATH,
-        help="Result of the same inputs but for stations, walls, nets and galleries: only release "
-        "areas whose blocks come near a changed one are simulated again, with as many blocks.",
-    ),
     *WORKERS, MEMORY, OVERWRITE, AS_JSON,
     short_help="Simulate blocks; make hazard zones and risk.",
     example="zone sassgis.toml -o zones",

@@ -176,7 +176,9 @@ def test_zones_say_where_they_end_with_the_terrain_model(german: Result) -> None
     known = box(0, 0, cols, rows) - box(56, 40, cols - 56, rows - 40) - box(80, 33, cols - 80, 3)
     for k, line in zip(limits["zone"], limits.geometry, strict=True):
         assert known.boundary.intersection(line).length == pytest.approx(line.length)
-        assert zones.geometry[k - 1].buffer(0.1).covers(line)
+        # Whole sides of cells, also where the outline of the zone meets one between its ends.
+        beside = zones.geometry[k - 1].buffer(0.1).intersection(line)
+        assert beside.length > 0.9 * line.length
 
 
 def test_values_at_objects_lie_within_their_intervals(german: Result) -> None:
