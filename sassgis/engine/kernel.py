@@ -84,7 +84,8 @@ class Setup(NamedTuple):
 class Rows(NamedTuple):
     """Rows of the run, which blocks fill."""
 
-    # (n_blocks of all + 1,) settings.results.ROCK_DTYPE; the last is that of no block of the run.
+    # (n_blocks of all + 1,) settings.results.ROCK_DTYPE; the last is for blocks that are simulated
+    # again, without barriers.
     rocks: Records
     passages: CountedRows  # settings.results.PASSAGE_DTYPE
     spawned: CountedRows  # ROCK_DTYPE

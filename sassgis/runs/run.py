@@ -64,12 +64,6 @@ _NOT_REUSED = (
 )
 
 
-_NOT_REUSED = (
-    "an earlier result can be used again where there are walls, nets or galleries that are "
-    "compared (hazard.compare_barriers), and no tables of single blocks or passages"
-)
-
-
 @dataclass(frozen=True, slots=True)
 class RunResult:
     """Result of a run.

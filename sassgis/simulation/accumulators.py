@@ -216,13 +216,14 @@ class SourceTally:
         """Return the sums of the same blocks without barriers; its own where they are the same."""
         if self.without is None:
             return self
-        joined = []
-        for own, more in ((self.cells, self.without.cells), (self.objects, self.without.objects)):
-            joined.append(own.plus(more))
         return replace(
-            self, cells=joined[0], objects=joined[1], without=None,
-            control_lines=self.without.control_lines, never_started=self.without.never_started,
-        )  # fmt: skip
+            self,
+            cells=self.cells.plus(self.without.cells),
+            objects=self.objects.plus(self.without.objects),
+            control_lines=self.without.control_lines,
+            never_started=self.without.never_started,
+            without=None,
+        )
 
 
 @dataclass

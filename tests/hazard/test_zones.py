@@ -237,6 +237,8 @@ def test_rarer_zones_contain_more_frequent_ones(
 
 @settings(max_examples=15)
 @given(RASTERS, st.integers(0, 10_000), st.sampled_from([20.0, 100.0]))
+# A small part that holds the middle of no cell.
+@example(raster("smooth", (20, 11), 0), 12, 20.0)
 def test_no_zone_reaches_where_the_terrain_is_unknown(
     classes: np.ndarray, seed: int, smallest: float
 ) -> None:

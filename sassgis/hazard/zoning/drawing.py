@@ -395,7 +395,7 @@ def drawn_zones(
     maps : sequence of int, shape (n_rows, n_cols)
         Classes of the cells; 0 where nothing arrives.
     grid : Grid
-        Where the cells lie; its values are not used.
+        Where the cells lie; small zones grow along the slope of its heights.
     known : bool, shape (n_rows, n_cols), optional
         Where the terrain is known; no zone reaches beyond it.
     enveloped : sequence of bool, optional
@@ -418,9 +418,10 @@ def drawn_zones(
     -----
     Lines are those of mathematical morphology with disks (Serra 1982), on polygons. For each class,
     from the highest, the area of the cells of it and the higher ones is smoothed outwards, narrow
-    parts are widened, what the higher class and the map before have is added, gaps are closed,
-    small parts enlarged, gaps next to them closed, and small holes filled. Then, from the lowest
-    class, narrow and small parts next to a higher class join that.
+    parts are widened, what the higher class and the map before have and strips along the higher
+    class are added, gaps are closed and the outline averaged along itself, small parts enlarged
+    along the slope, gaps next to them closed, and small holes filled. Then, from the lowest class,
+    narrow and small parts next to a higher class join that.
     """
     maps = [np.asarray(m, np.int16) for m in maps]
     for m in maps:

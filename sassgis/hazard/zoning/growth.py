@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import shapely
@@ -39,12 +39,11 @@ class Ground:
         right = math.ceil((east + distance_m - self.grid.west) / size)
         rows = slice(max(top, 0), min(bottom, n_rows))
         cols = slice(max(left, 0), min(right, n_cols))
-        return Ground(
-            self.grid.part(rows, cols),
-            self.classes[rows, cols],
-            self.known[rows, cols],
-            self.of_class,
-            self.averaged_m,
+        return replace(
+            self,
+            grid=self.grid.part(rows, cols),
+            classes=self.classes[rows, cols],
+            known=self.known[rows, cols],
         )
 
     def distance_from(self, zone: shapely.Polygon) -> FloatArray:
@@ -58,6 +57,10 @@ class Ground:
         x, y = self.grid.cell_centres(cells)
         shapely.prepare(zone)
         inside = shapely.intersects_xy(zone, x, y)
+        if not inside.any():
+            # A part without the middle of a cell, as the edge of the terrain cuts it off.
+            apart = np.where(self.known, shapely.distance(zone, shapely.points(x, y)), np.inf)
+            inside = apart == apart.min()
         lower = np.clip(self.of_class - self.classes, 1, None) * np.where(self.known, 1.0, np.inf)
         down = self._downslope()
         begin, end, length = [], [], []

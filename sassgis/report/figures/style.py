@@ -21,7 +21,6 @@ from matplotlib.axis import Axis
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.colors import LinearSegmentedColormap, to_rgb
 from matplotlib.figure import Figure
-from matplotlib.image import imsave
 from matplotlib.patheffects import AbstractPathEffect, withStroke
 from matplotlib.text import Text
 from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter, PercentFormatter
@@ -170,15 +169,12 @@ def to_png(figure: Figure) -> bytes:
             text.set_text(translated(text.get_text()))
     buffer = io.BytesIO()
     before = figure.dpi
-    # Without this matplotlib writes its version into the file.
-    nameless: Any = {"Software": None}
     with house_style():
         figure.set_dpi(DPI)
-        # Not savefig, which draws everything twice: at first only to lay it out.
+        # Not savefig, which draws everything twice: at first only to lay it out. Without the
+        # metadata matplotlib writes its version into the file.
         canvas: Any = FigureCanvasAgg(figure)
-        canvas.draw()
-        dots = np.asarray(canvas.buffer_rgba())
-        imsave(buffer, dots, format="png", dpi=DPI, metadata=nameless)
+        canvas.print_png(buffer, metadata={"Software": None})
         figure.set_dpi(before)
     # The canvas of the figure has no memory for its dots.
     FigureCanvasAgg(figure)
