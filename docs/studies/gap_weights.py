@@ -82,7 +82,7 @@ GAP_PAGE = STUDY.parents[1] / "gap.md"
 #: Campaigns of the configured model at each site without an effect.
 CAMPAIGNS = 2
 #: Batteries of sites by seed, and how many of each: these are no check any more.
-BATTERIES = {20261125: 42, 951: 78, 20261126: 36, 20261127: 36, 20261128: 30}
+BATTERIES = {20261125: 42, 951: 78, 20261126: 36, 20261127: 36, 20261128: 30, 20261129: 120}
 #: Sites with more rocks take longest, and are left out.
 MOST_ROCKS = 100
 #: What the numbers are before any site (those of 182 sites of three former generators, rounded),

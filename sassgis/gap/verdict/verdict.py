@@ -404,10 +404,11 @@ def decide(
     best = strongest(prints)
     first = max(tried, key=lambda n: shares[n], default="")
     refused = phrase("")
-    if first and shares[first] >= thresholds.named and is_clear(prints, gains, first):
+    likely = probability_beside_certain(first, prints, shares, thresholds)
+    if first and likely >= thresholds.named and is_clear(prints, gains, first):
         # Such a cause is one also where the rocks come as far without it.
         if closes is None or closes > 0.0 or is_certain(prints, first, thresholds):
-            sure = f"{min(shares[first], 0.99):.0%}"
+            sure = f"{min(likely, 0.99):.0%}"
             reason = phrase("probability {} from its fingerprints", sure)
             if closes is not None and closes > 0.0:
                 reason = phrase(
@@ -457,6 +458,22 @@ def decide(
     return UNKNOWN, "", joined("", (refused, reason))
 
 
+def probability_beside_certain(
+    cause: str, prints: Sequence[Fingerprint], shares: Mapping[str, float], thresholds: Thresholds
+) -> float:
+    """Return the probability of a cause among those that no other fingerprint shows for certain.
+
+    Shares are of one cause at a time; another one that is certain by itself acts beside it.
+    """
+    certain = sum(
+        shares[name]
+        for name in CAUSES
+        if name != cause and name in shares and is_certain(prints, name, thresholds)
+    )
+    left = 1.0 - certain
+    return shares[cause] / left if cause and left > shares[cause] else float(bool(cause))
+
+
 def group_probability(group: str, shares: Mapping[str, float]) -> float:
     """Return the probability of the families of a group together; NaN without a group."""
     if not group:
@@ -491,7 +508,7 @@ def confidence_of(effect: str, shares: Mapping[str, float], right: Mapping[str, 
     if effect == UNKNOWN:
         return math.nan
     named = [NONE] if effect == CONTACT_LAW else effect.split("+")
-    own = max(shares.get(name, 0.0) for name in named)
+    own = sum(shares.get(name, 0.0) for name in named)
     return float(min(own, right.get(effect, 1.0), 0.99))
 
 

@@ -158,6 +158,7 @@ def shares(**p: float) -> dict[str, float]:
 FROZEN = Thresholds(named=0.6, grouped=0.7)
 STEMS = "speed lost above the ground, where no contact takes it"
 FLIGHTS = "energy lost at once, on few flights"
+FILM = "speeds against distances in time, all rocks alike"
 
 
 def answer(prints: list[Fingerprint], p: dict[str, float], gaps: list[GapFinding],
@@ -204,6 +205,14 @@ def test_a_family_is_named_where_it_is_probable_and_closes_something() -> None:
     assert answer([flights], trees, [gap(1.0)], -0.1)[0] == "unknown"
     two = shares(trees=0.45, air_drag=0.4)
     assert answer([struck], two, [gap(1.0)]) == ("unknown", "along the way")
+
+
+def test_a_cause_that_is_certain_by_itself_takes_nothing_from_another() -> None:
+    two = shares(lateral_deflection=0.5, measurement_error=0.45)
+    turned = printed("lateral_deflection", 9.0, statistic=statistic_of("lateral_deflection", True))
+    for z, named in ((5.0, "unknown"), (9.0, "lateral_deflection")):
+        film = printed("measurement_error", z, statistic=FILM)
+        assert answer([turned, film], two, [gap(1.0)], 0.5)[0] == named
 
 
 def gained(effect: str, sureness: float, power: float = 1.0) -> CauseGain:
