@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import base64
 import math
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field, replace
 from functools import cache
 from os import PathLike
@@ -29,8 +29,13 @@ class ReportFigure:
 
     title: str
     caption: str  # what is to be seen, in a sentence or two
-    png: bytes = field(repr=False)
+    drawn: Callable[[], bytes] = field(repr=False)  # waits where it is drawn in another process
     alt: str = ""  # what is seen, for those who cannot see it; default: the title
+
+    @property
+    def png(self) -> bytes:
+        """The file."""
+        return self.drawn()
 
 
 def heads(columns: str) -> tuple[tuple[str, str], ...]:

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import CancelledError
+from contextlib import contextmanager
 from contextvars import ContextVar
+from functools import partial
 from pathlib import Path
 from threading import Event
 from typing import Any
@@ -15,15 +17,32 @@ from matplotlib.figure import Figure
 from sassgis.grid import Grid
 from sassgis.report.figures.map_figure import class_numbers, map_figure, shown_values
 from sassgis.report.figures.map_marks import MapMarks
-from sassgis.report.figures.style import to_png
+from sassgis.report.figures.style import to_png, translate_texts
 from sassgis.report.page import ReportFigure, sensible
 from sassgis.settings.languages import joined, phrase
 from sassgis.settings.results import RasterLayer
 from sassgis.settings.styles import class_labels
 from sassgis.simulation.path_sample import LinePaths
+from sassgis.simulation.workers import Processes, Workers
 
 #: Set where the figures are drawn next to other work, which may fail or be stopped.
 GIVEN_UP: ContextVar[Event | None] = ContextVar("given_up", default=None)
+#: Draw the figures in processes next to this one, where a run has more than one core.
+DRAWERS: ContextVar[Processes | None] = ContextVar("drawers", default=None)
+
+
+@contextmanager
+def drawn_beside(jobs: int | Workers) -> Iterator[None]:
+    """Draw the figures of the ``with`` block in a process next to this one, unless jobs is 1."""
+    if jobs == 1:
+        yield
+        return
+    with Processes(1) as drawers:
+        before = DRAWERS.set(drawers)
+        try:
+            yield
+        finally:
+            DRAWERS.reset(before)
 
 
 def picture(
@@ -32,10 +51,19 @@ def picture(
     """Save a figure as ``<name>.png`` for a report; CancelledError if nobody waits any more."""
     if (given_up := GIVEN_UP.get()) is not None and given_up.is_set():
         raise CancelledError
-    png = to_png(figure)
     folder.mkdir(parents=True, exist_ok=True)
-    (folder / f"{name}.png").write_bytes(png)
-    return ReportFigure(title, caption, png, alt)
+    file = folder / f"{name}.png"
+    if (drawers := DRAWERS.get()) is None:
+        return ReportFigure(title, caption, partial(bytes, _drawn(file, figure)), alt)
+    translate_texts(figure)
+    return ReportFigure(title, caption, drawers.submit(_drawn, file, figure).result, alt)
+
+
+def _drawn(file: Path, figure: Figure) -> bytes:
+    """Write a figure as PNG, and return it."""
+    png = to_png(figure)
+    file.write_bytes(png)
+    return png
 
 
 def map_pictures(

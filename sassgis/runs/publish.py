@@ -50,7 +50,7 @@ from sassgis.report.page import (
     translated_report,
     write_report,
 )
-from sassgis.report.pictures import GIVEN_UP, map_pictures
+from sassgis.report.pictures import GIVEN_UP, drawn_beside, map_pictures
 from sassgis.report.protection_page import (
     PAGE_NAME,
     ObjectLevels,
@@ -75,7 +75,7 @@ from sassgis.simulation.checkpoint import read_rows
 from sassgis.simulation.control_lines import FORCE, LineParts
 from sassgis.simulation.map_sums import MapSums, Sample
 from sassgis.simulation.path_sample import BlockPath, paths_on_line, sample_paths
-from sassgis.simulation.workers import beside
+from sassgis.simulation.workers import Workers, beside
 
 #: Points of a curve at a line.
 _POINTS = 16
@@ -268,10 +268,12 @@ def publish_map(
     areas: Sequence[str] | None,
     tell: Callable[[str], None],
     extras: Extras,
+    jobs: int | Workers = 1,
 ) -> Published:
     """Write the result of a run on the map into a folder, in the language of the settings.
 
-    ``areas`` are the names of the release areas, if not all were run.
+    ``areas`` are the names of the release areas, if not all were run. With more than one job the
+    figures are drawn in a process next to this one.
     """
     tell("Writing the maps")
     config, run, planned, progress = done.config, done.run, done.planned, done.progress
@@ -296,7 +298,7 @@ def publish_map(
         envelope=envelope,
         paths=paths,
     )
-    with beside(report, GIVEN_UP) as reported:
+    with drawn_beside(jobs), beside(report, GIVEN_UP) as reported:
         terrain = terrain_layer(run.grid)
         for layer in (*extras.layers, *layers, terrain):
             write_raster(layer, run.grid, work / "maps")
@@ -444,6 +446,22 @@ def _write_report(
     lines = run_lines(progress, angles)
     first = () if extras.key_results is None else (context.key_results,)
     drawn, sheets = extras.figures(), extras.sheets()
+    rows = area_rows(run, extras.frequencies)
+    write_map_page(
+        file=work / "map.html",
+        title=config.project.name,
+        run=run,
+        layers=(*extras.layers, *layers),
+        areas=[(area.name, area.geometry, rows[area.name]) for area in run.areas],
+        objects=objects,
+        contributions=extras.contributions or blocks_by_source(run, progress),
+        points=planned.points,
+        envelope=envelope,
+        paths=paths,
+        places=extras.places,
+        hazard=extras.hazard,
+        warnings=first_warnings(warnings),
+    )
     others = [("map.html", "The map in a browser")]
     if sheets:
         change = next((f for f in drawn if f.title == BARRIERS_TITLE), None)
@@ -468,22 +486,6 @@ def _write_report(
         )
     )  # fmt: skip
     write_report(work / "report.html", report)
-    rows = area_rows(run, extras.frequencies)
-    write_map_page(
-        file=work / "map.html",
-        title=config.project.name,
-        run=run,
-        layers=(*extras.layers, *layers),
-        areas=[(area.name, area.geometry, rows[area.name]) for area in run.areas],
-        objects=objects,
-        contributions=extras.contributions or blocks_by_source(run, progress),
-        points=planned.points,
-        envelope=envelope,
-        paths=paths,
-        places=extras.places,
-        hazard=extras.hazard,
-        warnings=first_warnings(warnings),
-    )
     return report
 
 

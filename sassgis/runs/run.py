@@ -34,6 +34,7 @@ from sassgis.runs.resumable_run import (
     keeps_rows,
     read_job,
     simulate_job,
+    workers_asked,
 )
 from sassgis.runs.variant_lab import DrawnGround, drawn_ground, spread_rules
 from sassgis.settings.languages import in_language, phrase
@@ -42,7 +43,7 @@ from sassgis.settings.results import RasterLayer, StopReason
 from sassgis.settings.statistics_table import bins_of
 from sassgis.simulation.accumulators import Progress
 from sassgis.simulation.reuse import KEPT_NAME, begun_with
-from sassgis.simulation.workers import Jobs, OnProgress
+from sassgis.simulation.workers import Jobs, OnProgress, Workers
 from sassgis.studies.variants import GroundSpread
 from sassgis.terrain.prepare import Plan
 
@@ -158,7 +159,9 @@ def run(
 
         with in_language(config.project.language):
             extras = with_spread(Extras(placed=placed), drawn, work, simulation)
-            published = publish_map(work, simulation, areas, tell, extras)
+            published = publish_map(
+                work, simulation, areas, tell, extras, workers_asked(config, jobs)
+            )
     return result_of(Path(out), simulation, published, drawn)
 
 
@@ -231,7 +234,9 @@ def zone(
         earlier = None if reuse is None else Path(reuse)
         done = zone_simulation(job, rules, place, along_slope=True, reuse=earlier)
         drawn = drawn_ground(done, place, known, rules, rules.placed)
-        found, published = write_zones(work, rules, done, areas, tell, drawn=drawn)
+        found, published = write_zones(
+            work, rules, done, areas, tell, drawn=drawn, jobs=workers_asked(config, jobs)
+        )
         seconds = time.perf_counter() - began
     return ZoneResult(result_of(Path(out), done, published, drawn), rules, found, seconds)
 
@@ -245,6 +250,7 @@ def write_zones(
     *,
     first: Callable[[Assessment], None] | None = None,
     drawn: DrawnGround | None = None,
+    jobs: int | Workers = 1,
 ) -> tuple[Assessment, Published]:
     """Find the zones and write everything into ``work``, in the language of the configuration.
 
@@ -262,7 +268,7 @@ def write_zones(
     with in_language(done.config.project.language):
         extras = zone_extras(rules, found, done, work / "figures")
         extras = with_spread(extras, drawn, work, done, rules.preset)
-        return found, publish_map(work, done, areas, tell, extras)
+        return found, publish_map(work, done, areas, tell, extras, jobs)
 
 
 def assessed(rules: Rules, done: Simulation) -> Assessment:

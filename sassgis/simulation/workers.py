@@ -295,6 +295,10 @@ class Processes:
         do = partial(self._do, work, self._sent[1])
         yield from _in_order(self._threads, do, tasks, self._ahead)
 
+    def submit(self, work: Callable[..., R], *arguments: Any) -> Future[R]:
+        """Give a process a call that has nothing in common with others."""
+        return self._threads.submit(self._do, _called, pickle.dumps(work), arguments)
+
     def _do(self, work: Work, common: bytes, task: Any) -> Any:
         """Return the result of one task, in a thread of its process."""
         call = pickle.dumps((work, task), pickle.HIGHEST_PROTOCOL)
@@ -329,6 +333,10 @@ class Processes:
             except OSError as error:
                 raise OutputError(f"no process can be started: {error}") from None
             return process
+
+
+def _called(work: Callable[..., R], arguments: tuple[Any, ...]) -> R:
+    return work(*arguments)
 
 
 @contextmanager

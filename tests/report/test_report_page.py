@@ -79,7 +79,7 @@ FULL = ReportContext(
     what_was_run=(("Rocks", 100_000),),
     warnings=("12 rocks left the profile",),
     key_results=TABLE,
-    figures=(ReportFigure("Run-out", "Where rocks end.", PNG),),
+    figures=(ReportFigure("Run-out", "Where rocks end.", lambda: PNG),),
     tables=(TABLE, replace(TABLE, title="nothing", rows=())),
     provenance=(("Seed", 42),),
 )
@@ -129,7 +129,7 @@ def test_empty_sections_disappear() -> None:
 def test_everything_from_outside_is_escaped() -> None:
     evil = '<script>alert("x")</script> & "quoted"'
     table = ReportTable(evil, ((evil, evil),), ((evil,),), evil)
-    figure, pairs = ReportFigure(evil, evil, PNG, alt=f'{evil}" onload="x'), ((evil, evil),)
+    figure, pairs = ReportFigure(evil, evil, lambda: PNG, alt=f'{evil}" onload="x'), ((evil, evil),)
     context = ReportContext(
         title=evil, subtitle=evil, byline=(evil,), summary=pairs, what_was_run=pairs,
         warnings=(evil,), key_results=table, figures=(figure,), tables=(table,), provenance=pairs,

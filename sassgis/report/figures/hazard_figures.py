@@ -6,6 +6,7 @@ A figure of protection shows what reaches a line along the slope, and what goes 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from functools import partial
 from itertools import pairwise
 
 import matplotlib as mpl
@@ -354,9 +355,7 @@ def risk_figure(
     exponent = min(0, 3 * int(np.floor(np.log10(risk.max()) / 3.0)))
     power = f"{power_of_ten(exponent)} " if exponent else ""
     ax.set_xlabel(phrase("{} ({}{})", phrase(quantity), power, unit))
-    ax.xaxis.set_major_formatter(
-        lambda x, _: thousands(x) if x >= 1e4 else f"{x / 10.0**exponent:g}"
-    )
+    ax.xaxis.set_major_formatter(partial(_risk_tick, exponent))
     edges = np.cumsum([0.0, *heights])
     middle = (edges[:-1] + edges[1:]) / 2.0
     ax.barh(middle, risk, height=0.14, color=style.BLUE, alpha=0.75, zorder=2, gid="bars")
@@ -375,6 +374,10 @@ def risk_figure(
     ax.grid(axis="y", visible=False)
     ax.spines["left"].set_visible(True)
     return sheet.figure
+
+
+def _risk_tick(exponent: int, value: float, _: object) -> str:
+    return thousands(value) if value >= 1e4 else f"{value / 10.0**exponent:g}"
 
 
 #: Frequencies this much rarer than the longest return period are not drawn.

@@ -14,7 +14,7 @@ from matplotlib.ticker import MultipleLocator
 from matplotlib.transforms import offset_copy
 
 from sassgis.grid import Bounds, FloatArray, Grid
-from sassgis.report.figures.style import INK, SMALL, round_step
+from sassgis.report.figures.style import INK, SMALL, round_step, thousands_formatter
 from sassgis.settings.languages import phrase
 from sassgis.settings.results import thousands
 
@@ -136,15 +136,16 @@ def hillshade(grid: Grid) -> FloatArray:
     if min(z.shape) < 2:
         return np.where(np.isfinite(z), 0.7, np.nan)
     east, north = _slope(z, 1, grid.cell_size), -_slope(z, 0, grid.cell_size)
-    steepness = np.arctan(np.hypot(east, north))
-    aspect = np.arctan2(-east, -north)
+    gradient = np.hypot(east, north)
+    upwards = 1.0 / np.hypot(gradient, 1.0)  # component of the unit normal
+    level = np.maximum(gradient, 1e-300)
     altitude = np.radians(45.0)
     total, weights = np.zeros_like(z), np.zeros_like(z)
     for azimuth in np.radians([225.0, 270.0, 315.0, 360.0]):
+        towards = -(np.sin(azimuth) * east + np.cos(azimuth) * north)
         # The small constant keeps flat ground, which has no side, evenly lit.
-        weight = np.sin(aspect - azimuth) ** 2 + 1e-3
-        light = np.sin(altitude) * np.cos(steepness)
-        light += np.cos(altitude) * np.sin(steepness) * np.cos(aspect - azimuth)
+        weight = 1.0 - (towards / level) ** 2 + 1e-3
+        light = (np.sin(altitude) + np.cos(altitude) * towards) * upwards
         total += weight * np.clip(light, 0.0, 1.0)
         weights += weight
     return np.where(np.isfinite(z), total / weights, np.nan)
@@ -177,13 +178,9 @@ def map_axes(ax: Axes, extent: Bounds, parts: int = 5) -> None:
     scale, decimals = (1000.0, 0) if in_km else (1.0, max(0, int(-np.floor(np.log10(step)))))
     # Labels that would reach beyond the map meet those of the next one.
     for axis, begin, end in ((ax.xaxis, west, east), (ax.yaxis, south, north)):
-        low, high = begin + 0.05 * (end - begin), end - 0.05 * (end - begin)
+        edge = 0.05 * (end - begin)
         axis.set_major_locator(MultipleLocator(step))
-
-        def shown(value: float, _: object, low: float = low, high: float = high) -> str:
-            return thousands(value / scale, decimals) if low <= value <= high else ""
-
-        axis.set_major_formatter(shown)
+        axis.set_major_formatter(thousands_formatter(decimals, scale, (begin + edge, end - edge)))
     unit = "km" if in_km else "m"
     ax.set_xlabel(phrase("{} ({})", phrase("east"), unit), size=SMALL)
     ax.set_ylabel(phrase("{} ({})", phrase("north"), unit), size=SMALL)

@@ -8,6 +8,7 @@ import textwrap
 import threading
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from functools import partial
 from importlib.resources import as_file, files
 from os import PathLike
 from pathlib import Path
@@ -163,10 +164,7 @@ def beside(
 
 def to_png(figure: Figure) -> bytes:
     """Draw a figure as PNG; the same figure gives the same bytes on every run."""
-    if current_language() != "en":
-        for text in figure.findobj(Text):
-            assert isinstance(text, Text)
-            text.set_text(translated(text.get_text()))
+    translate_texts(figure)
     buffer = io.BytesIO()
     before = figure.dpi
     with house_style():
@@ -179,6 +177,14 @@ def to_png(figure: Figure) -> bytes:
     # The canvas of the figure has no memory for its dots.
     FigureCanvasAgg(figure)
     return buffer.getvalue()
+
+
+def translate_texts(figure: Figure) -> None:
+    """Put the texts of a figure into the language of the caller."""
+    if current_language() != "en":
+        for text in figure.findobj(Text):
+            assert isinstance(text, Text)
+            text.set_text(translated(text.get_text()))
 
 
 def save(figure: Figure, path: str | PathLike[str]) -> Path:
@@ -206,9 +212,17 @@ def lines_in(text: str) -> int:
     return text.count("\n") + 1 if text else 0
 
 
-def thousands_formatter(decimals: int = 0) -> FuncFormatter:
-    """Return tick labels with a thin space between thousands."""
-    return FuncFormatter(lambda value, _: thousands(value, decimals))
+def thousands_formatter(
+    decimals: int = 0, scale: float = 1.0, within: tuple[float, float] = (-np.inf, np.inf)
+) -> FuncFormatter:
+    """Return tick labels in units of ``scale`` with a thin space between thousands."""
+    return FuncFormatter(partial(_thousands_tick, decimals, scale, within))
+
+
+def _thousands_tick(
+    decimals: int, scale: float, within: tuple[float, float], value: float, _: object
+) -> str:
+    return thousands(value / scale, decimals) if within[0] <= value <= within[1] else ""
 
 
 def log_ticks(axis: Axis, decades: float) -> None:
