@@ -14,6 +14,9 @@ from sassgis.errors import OutputError
 from sassgis.report.figures import save, style, to_png
 from sassgis.report.figures.distributions import runout_figure
 from sassgis.report.figures.hazard_figures import blocks_figure
+from sassgis.report.page import ReportFigure
+from sassgis.report.pictures import drawn_beside, picture
+from sassgis.settings.languages import in_language
 from sassgis.settings.results import StopReason
 
 positions = st.lists(st.floats(-1e3, 1e3), min_size=0, max_size=12)
@@ -92,6 +95,21 @@ def test_same_figure_same_bytes_without_version(tmp_path: Path) -> None:
     assert b"Matplotlib" not in first
     with pytest.raises(OutputError, match=r"no/a\.png: the figure cannot be written"):
         save(runout_figure(*counted), tmp_path / "no" / "a.png")
+
+
+def test_figures_drawn_by_another_process_are_the_same_in_each_language(tmp_path: Path) -> None:
+    counted = np.arange(0.0, 16000.0, 4000.0), {StopReason.REST: np.array([1, 2, 4])}
+
+    def drawn(name: str) -> ReportFigure:
+        figure = runout_figure(*counted)
+        return picture(tmp_path, name, "Run-out", "Where blocks end.", figure)
+
+    with in_language("de"):
+        here = drawn("here").png
+        with drawn_beside(2):
+            beside = drawn("beside").png
+    assert here == beside == (tmp_path / "beside.png").read_bytes()
+    assert here != drawn("english").png
 
 
 def test_figures_do_not_load_pyplot() -> None:
