@@ -179,7 +179,7 @@ def simulate_job(
             progress.rounds = (*progress.rounds, more)
         if more is not None or not sums_only or keeps_rows(config):
             # Whatever happens while the result is written, the simulation is not lost.
-            checkpoint.save(progress)
+            checkpoint.save(progress, 0.0 if more is None else SAVE_EVERY_S)
         if more is None:
             break
     if progress.parts is not None:
@@ -253,17 +253,14 @@ def simulate_saved(
 
     With ``rows`` the checkpoint keeps those of single blocks.
     """
-    saved = began = time.monotonic()
+    began = time.monotonic()
     before = progress.seconds
 
     def on_chunk(now: Progress, chunks: int, own: BlockRows) -> None:
-        nonlocal saved
         now.seconds = before + time.monotonic() - began
         if rows:
             checkpoint.hand_on(own)
-        if time.monotonic() - saved > SAVE_EVERY_S:
-            checkpoint.save(now)
-            saved = time.monotonic()
+        checkpoint.save(now, SAVE_EVERY_S)
         if on_progress is not None:
             on_progress(now.chunks, chunks, now.simulated)
 

@@ -8,6 +8,7 @@ fingerprint of settings and inputs; with any other it is not used.
 from __future__ import annotations
 
 import re
+import time
 from collections.abc import Callable
 from dataclasses import fields
 from pathlib import Path
@@ -60,6 +61,7 @@ class Checkpoint:
         self._fingerprint = f"{fingerprint} {part}"
         self._waiting: list[BlockRows] = []
         self._digests: list[str] = []
+        self._saved = time.monotonic()
 
     def restore(self, run: MapRun, tell: Callable[[str], None]) -> Progress | None:
         """Restore the progress of an earlier run with the same fingerprint, if one fits."""
@@ -89,9 +91,9 @@ class Checkpoint:
         if self.folder is not None:
             self._waiting.append(rows)
 
-    def save(self, progress: Progress) -> None:
-        """Save the state; whole or not at all."""
-        if self.folder is None:
+    def save(self, progress: Progress, every_s: float = 0.0) -> None:
+        """Save the state, whole or not at all, unless that was done within some seconds."""
+        if self.folder is None or time.monotonic() - self._saved < every_s:
             return
         with writing(self.folder):
             self.folder.mkdir(parents=True, exist_ok=True)
@@ -106,6 +108,7 @@ class Checkpoint:
                 "seconds": np.array(progress.seconds),
             }
             write_saved(self.folder / "state.npz", state, self._fingerprint)
+        self._saved = time.monotonic()
 
     def forget(self) -> None:
         """Remove what was saved, if anything: it is of no use any more."""
