@@ -10,7 +10,6 @@ from __future__ import annotations
 import json
 from functools import partial
 from pathlib import Path
-from statistics import median
 from typing import Any
 
 import pandas as pd
@@ -218,22 +217,6 @@ def field_left_out() -> str:
     return table("fitted at | scored on | median | 90 % | width", rows)
 
 
-def field_gain() -> str:
-    """What calibration says that it gains, and what it gains on the other half."""
-    rows = []
-    for name, one in results("field/results")["held_out"].items():
-        stated, found = (
-            minus(" / ".join(f"{v:+.1f}" for v in one["gain"][k])) for k in ("claimed_m", "crps_m")
-        )
-        chosen = f"{one['fitted_classes_recommended']} of {one['halves']}"
-        rows.append(f"{name} | {stated} | {found} | {chosen}")
-    return table(
-        "site | stated gain, 10 / 50 / 90 % of the halves (CRPS, m) | on the other half | "
-        "fitted classes recommended",
-        rows,
-    )
-
-
 def field_bands() -> str:
     """How many rocks lie in the bands of their own simulations.
 
@@ -413,7 +396,8 @@ def safety_extremes() -> str:
     found = results("safety/extremes")
     names = ("profiles", "maps", "refused", "blocks", "given up", "failed")
     counts = (found["setups"], *(found["counts"].get(name, 0) for name in names))
-    return table(" | ".join(("set-ups", *names)), [" | ".join(f"{n:,}" for n in counts)])
+    head = " | ".join(("set-ups", *names)).replace("given up", "aborted")
+    return table(head, [" | ".join(f"{n:,}" for n in counts)])
 
 
 SLOPES = {
@@ -468,18 +452,6 @@ def speed_effects() -> str:
             for name, one in results("speed/effects").items()
         ),
     )
-
-
-def speed_limits() -> str:
-    """What the parts of a simulation cost: those that take time, their sum, the engine."""
-    labels = {"sum": "sum of the parts", "engine": "the engine"}
-    rows = []
-    for name, one in results("speed/limits").items():
-        if one["us"]:
-            per_block = f"{one['per_block']:.1f}" if "per_block" in one else ""
-            each = f"{one['ns']:.0f}" if "ns" in one else ""
-            rows.append(f"{labels.get(name, name)} | {per_block} | {each} | {one['us']:.1f}")
-    return table("part | for each block | ns each | µs for each block", rows)
 
 
 def speed_spots() -> str:
@@ -554,10 +526,7 @@ def changed_shares(own: pd.Series[float]) -> str:
     return " | ".join([*shares, *marked])
 
 
-CHANGED = (
-    "stated | levels of cells | zones as drawn | marked, of the zoned area | "
-    "of what changes, marked"
-)
+CHANGED = "stated | cells | zones | hatched, of the zoned area | changes on hatched cells"
 
 
 def zone_seeds() -> str:
@@ -566,8 +535,9 @@ def zone_seeds() -> str:
         f"{own['site']} | {own['times']} × | {changed_shares(own)} | "
         f"{own['found']} of {own['pairs']}"
         for _, own in rows_of("zone_seeds/seeds").iterrows()
+        if own["times"] in (1, 8)
     )
-    return table(f"site | blocks | {CHANGED} | `compare` finds a change", rows)
+    return table(f"site | blocks | {CHANGED} | changes in `compare`", rows)
 
 
 def zone_seeds_auto() -> str:
@@ -618,21 +588,6 @@ def sampling() -> str:
     largest = " | ".join(f"± {max(own):.2f}" for own in errors)
     rows = [*spread, *bounds, f" | *standard error, at most* |  | {largest}"]
     return table(f"terrain | sampling | time | {' | '.join([*cells, *far])}", rows)
-
-
-def sampling_decided() -> str:
-    """How much is decided where a block comes to a chainage: medians over release points."""
-    rows = []
-    for one in results("sampling/decided")["rows"]:
-        same, alike = [100 * share for share in one["same"]], one["alike"]
-        rows.append(
-            f"{one['site']} | the distance of {100 * one['share']:g} % | "
-            f"{median(same):.0f} % ({min(same):.0f} to {max(same):.0f} %) | "
-            f"{median(alike):.2f} ({min(alike):.2f} to {max(alike):.2f})"
-        )
-    return table(
-        "terrain | other draws from | stop at the same place | correlation of coming far", rows
-    )
 
 
 #: The only block of 40 kg.
@@ -772,12 +727,12 @@ TABLES = {
     **{
         made.__name__.replace("_", " "): made
         for made in (
-            calibration_coverage, zone_seeds, zone_seeds_auto, sampling, sampling_decided,
+            calibration_coverage, zone_seeds, zone_seeds_auto, sampling,
             discretisation_lines, discretisation_splitting, field_untuned, field_site_bands,
-            field_left_out, field_groups, field_published, field_gain, field_bands, field_repeated,
+            field_left_out, field_groups, field_published, field_bands, field_repeated,
             field_mass, field_parameters, field_widths, contacts_filmed, contacts_program,
             safety_kills, safety_fuzz, safety_extremes, speed_slope, speed_together, speed_effects,
-            speed_limits, speed_spots, speed_barriers, speed_peers, speed_canton, speed_routed,
+            speed_spots, speed_barriers, speed_peers, speed_canton, speed_routed,
             kinematics_tschamut, kinematics_halves, kinematics_wheel, kinematics_slopes,
             kinematics_fan, tirol,
         )
