@@ -87,12 +87,12 @@ def _rebound(
     effects: hooks.Effects | None, ct: float, st: float, vt: float, energy: float,
     as_circle: bool, round_m: float,
 ) -> bool:  # fmt: skip
-    """Change the velocity by an impact; whether it breaks the block.
+    """Change the velocity by an impact; return whether it breaks the block.
 
     ``ct`` and ``st`` are cosine and sine of its angle, ``vt`` its velocity along the ground (m/s),
-    ``energy`` its kinetic energy before (J/kg). Of one that is met ``as_circle``, as which it
-    rolls, the roughness of the ground is in the rolling friction, and its slope is not varied.
-    ``round_m`` is the radius of the circle as which it is met (m), 0 for the ellipse.
+    ``energy`` its kinetic energy before (J/kg). If it is met ``as_circle``, as it rolls, the slope
+    is not varied: rolling friction includes the roughness of the ground. ``round_m`` is the radius
+    of the circle as which it is met (m), 0 for the ellipse.
     """
     state.impacts += 1
     here = site.profile.rows[state.segment]
@@ -270,7 +270,7 @@ def _leave_as_ellipse(state: Record, block: Block) -> None:
 def way_on(wt: float, omega: float, radius: float) -> int:
     """Return the direction along the ground, 1 or -1, of a block with velocity (m/s) and spin.
 
-    One that the ground has stopped along its way goes on as it spins: rounding must not decide.
+    A block stopped along the ground goes on in the direction of its spin, not by rounding.
     """
     return 1 if wt + _STOPPED * omega * radius >= 0.0 else -1
 

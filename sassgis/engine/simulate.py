@@ -1,4 +1,4 @@
-"""The driver: checks and converts what a run needs, calls the kernel, names what comes out."""
+"""The driver: checks and converts what a run needs, calls the kernel, names the results."""
 
 from __future__ import annotations
 
@@ -60,7 +60,7 @@ class Visits:
 
 @dataclass(frozen=True, slots=True)
 class BlocksWithoutBarriers:
-    """The same blocks as if there were no barriers."""
+    """The same blocks without barriers."""
 
     # Flat indices of the cells, or of those in the middle of the windows if asked for, at which
     # "exceed" and "exceed_square" differ; by how much they exceed those with barriers.
@@ -97,7 +97,7 @@ class Simulated:
     # First and last row, first and last column of the grid of the cells that followed paths looked
     # at, ahead of the blocks; None on given lines.
     looked_at: tuple[int, int, int, int] | None = None
-    # Of what the blocks of each point leave open; empty on given lines, 0 unless asked for.
+    # Uncertainty left by the blocks of each point; empty on given lines, 0 unless asked for.
     worth: FloatArray = field(default_factory=lambda: np.empty(0))
     without: BlocksWithoutBarriers | None = None  # if asked for
 
@@ -460,7 +460,8 @@ def simulate(
     log_events : int
         Events to keep in the log of each block.
     effects : EffectSettings, optional
-        What the model of 1986 leaves out. A block and those that it spawns count once in each cell.
+        Effects that the model of 1986 leaves out. A block and those that it spawns count once in
+        each cell.
     forest : Forest, optional
         For the effect of trees.
     compared : int, optional

@@ -186,8 +186,8 @@ def empty_totals(
     """
     flat = flat_bins(bins)
     levels = bins.threshold.size
-    # In one block, so large that it comes zeroed from the system: of zeros that nobody writes to no
-    # memory is taken then. Smaller ones the C library takes of its own, and clears.
+    # In one large block, which comes zeroed from the system: zeros that nobody writes to then take
+    # no memory. Smaller blocks come from the C library, which clears them.
     zeros = np.zeros(n_cells * flat.first[-2], np.uint32)
     edges = pairwise(flat.first[:-1])
     # Hazard is counted in windows where there are some, else in cells.
@@ -304,7 +304,7 @@ def end_stratum(reach: Exceedance, change: Exceedance) -> None:
 
 
 class Wanted(NamedTuple):
-    """Where it is worth to know more, as in settings.map_run.Worth.
+    """Where more blocks are worth most, as in settings.map_run.Worth.
 
     Filled is ``found``: the sum over windows and energies of worth · k (n - k), k of the n blocks
     of a stratum having come there with the energy. That is n - 1 times worth times the variance of
@@ -319,7 +319,7 @@ class Wanted(NamedTuple):
 
 @lean
 def add_worth(reach: Exceedance, wanted: Wanted, stratum: int, n_blocks: int) -> None:
-    """Add what the blocks of a stratum leave open in the windows to which they came."""
+    """Add the uncertainty that the blocks of a stratum leave in the windows they reached."""
     for k in range(reach.n_met[0]):
         place = reach.met[k]
         worth = wanted.of_cell[wanted.cell[place]]

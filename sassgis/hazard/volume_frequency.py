@@ -26,10 +26,10 @@ from scipy.special import lambertw
 from sassgis.errors import InputError
 from sassgis.grid import FloatArray
 
-#: Half of the 95 % quantile of chi-square with one degree of freedom: what the log-likelihood may
-#: fall short of its maximum.
+#: Largest drop of the log-likelihood below its maximum: half of the 95 % quantile of chi-square
+#: with one degree of freedom.
 _ALLOWED = 0.5 * 3.841459
-#: Exponents that are looked at.
+#: Range in which exponents are searched.
 _EXPONENTS = (1e-3, 50.0)
 _LEAST_BLOCKS = 5
 #: Below it another volume of completeness has too few blocks to be compared.

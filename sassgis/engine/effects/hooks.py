@@ -145,7 +145,7 @@ def before_flight(
 ) -> float:
     """Return the longest time (s) that the step of flight that begins may take.
 
-    Half of what acts all the time acts before the step and the rest after it: second order.
+    Continuous forces act half before the step and half after it: second order.
     """
     limit = longest
     if effects is not None:
@@ -173,7 +173,7 @@ def before_flight(
 
 @inlined
 def _brake(effects: Effects, state: Record, block: Block, time: float) -> float:
-    """Let what acts all the time act on a block in flight; returns the share left by trees."""
+    """Apply continuous forces to a block in flight; return the share left by trees."""
     vx, vz = air_drag.slowed(state.resistance, state.vx, state.vz, time)
     kept = trees.left_by_viscous(effects.stand, state.stems, block.mass, time)
     state.vx = vx * kept
