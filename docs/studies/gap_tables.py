@@ -323,7 +323,7 @@ def both(case: str, names: tuple[str, ...]) -> dict[str, Any]:
 
 TABLES = {
     **both("tschamut", ("verdict", "ladder")),
-    **both("authume", ("uncalibrated", "verdict", "ladder", "held out")),
+    **both("authume", ("uncalibrated", "verdict", "held out")),
     "tschamut where": where,
     "tschamut steps": added,
     "tschamut answers": answers,

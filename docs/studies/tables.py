@@ -8,7 +8,6 @@ JSON files.
 from __future__ import annotations
 
 import json
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -40,17 +39,13 @@ def minus(text: str) -> str:
     return text.replace("-", "−")
 
 
-def discretisation(slope: str) -> str:
-    """Results over the tolerances, with the interval: run-outs, energies and heights far down.
-
-    Blocks on the two profiles leave at the lower end, so their run-outs say nothing.
-    """
+def discretisation() -> str:
+    """Results in the valley over the tolerances: run-outs, energies and heights far down."""
     found = rows_of("discretisation/summary")
-    found = found[found["slope"] == slope]
+    found = found[found["slope"] == "valley"]
     lengths = found.groupby("tolerance_m")["segment_length_m"].first()
     rows = [" | ".join(["*segment length (m)*", *(f"*{v:.1f}*" for v in lengths), ""])]
-    left_out = "arrivals|run-out 25 %| at 60 m " if slope == "valley" else "arrivals|run-out"
-    found = found[~found["quantity"].str.contains(left_out)]
+    found = found[~found["quantity"].str.contains("arrivals|run-out 25 %| at 60 m ")]
     for quantity, own in found.groupby("quantity", sort=False):
         half = 0.5 * (own["high_95"] - own["low_95"]).max()
         rows.append(" | ".join([quantity, *map(rounded, own["value"]), f"± {rounded(half, 2)}"]))
@@ -58,67 +53,35 @@ def discretisation(slope: str) -> str:
     return table(f"tolerance (m) | {tolerances} | sampling, at most", rows)
 
 
-def discretisation_lines() -> str:
-    """Change of single lines of the valley against the finest tolerance."""
-    found = rows_of("discretisation/lines_valley")
-    finest, *others = found["tolerance_m"].unique()
-    rows = []
-    for quantity in ("run-out 50 % (m)", "run-out 95 % (m)", "E95 at 150 m (kJ)"):
-        values = found.pivot(index="slope", columns="tolerance_m", values=quantity)
-        gaps = 100.0 * (values[others].div(values[finest], axis=0) - 1.0).abs()
-        for word, share in (("median", 0.5), ("largest", 1.0)):
-            cells = " | ".join(f"{v:.0f} %" for v in gaps.quantile(share, interpolation="nearest"))
-            rows.append(f"{quantity.split(' (')[0]}, {word} of the lines | {cells}")
-    return table(" | ".join([f"against {finest:g} m", *(f"{t:g} m" for t in others)]), rows)
-
-
-def discretisation_splitting() -> str:
-    """Polylines with divided segments against the original ones."""
-    row = (
-        "{slope} | {parts} | {same_rocks_percent:.0f} % | {mean_change_m:+.2f} m | "
-        "{D_same_seed:.3f} | {p_other_seed:.3f}"
-    )
-    found = rows_of("discretisation/splitting")
-    most = found.loc[found.groupby("slope", sort=False)["parts"].idxmax()]
-    return table(
-        "slope | parts | same blocks | mean change | D, same draws | p, other draws",
-        map(row.format_map, most.to_dict("records")),
-    )
-
-
 #: Where the modelling assumptions change most, by slope and quantity.
 MOST_CHANGED = (("valley", "run-out"), ("valley", "energy at"), ("bedrina", "energy at"))
 
 
-def convergence(kind: str) -> str:
-    """Numerical tolerances, or modelling assumptions, against the base: a row for each change."""
+def convergence() -> str:
+    """Modelling assumptions against the base: a row for each change."""
     found = rows_of("convergence/convergence")
     place = ["slope", "quantity"]
     base = found.loc[found["kind"] == "base", [*place, "median", "q95"]]
-    found = found[found["kind"] == kind].merge(base, "left", place, suffixes=("", "_base"))
+    found = found[found["kind"] == "assumption"].merge(base, "left", place, suffixes=("", "_base"))
     shifts = ["median", "q95"]
     for q in shifts:
         found[q] = found[q] / found[f"{q}_base"] - 1.0
     rows = []
     for variant, own in found.groupby("variant", sort=False):
-        changed = variant.replace(" halved", "")
         same = own.groupby("slope")["same_rocks_percent"].first()
-        cells = [changed, f"{same['valley']:.0f} / {same['bedrina']:.0f} %"]
-        if kind == "assumption":
-            for slope, quantity in MOST_CHANGED:
-                (one,) = own.loc[
-                    (own["slope"] == slope) & own["quantity"].str.startswith(quantity), shifts
-                ].to_numpy()
-                cells.append(" / ".join(map(percent, one)))
-        else:
-            cells.append(f"{100.0 * own[shifts].abs().to_numpy().max():.1f} %")
-            cells.append(f"{own['D_same_draws'].max():.3f}")
+        cells = [variant, f"{same['valley']:.0f} / {same['bedrina']:.0f} %"]
+        for slope, quantity in MOST_CHANGED:
+            (one,) = own.loc[
+                (own["slope"] == slope) & own["quantity"].str.startswith(quantity), shifts
+            ].to_numpy()
+            cells.append(" / ".join(map(percent, one)))
         cells += [f"{own['D_other_draws'].max():.3f}", f"{own['p_other_draws'].min():.2g}"]
         rows.append(" | ".join(cells))
-    middle = "largest change | D, same draws"
-    if kind == "assumption":
-        middle = "run-out, valley | energy, valley | energy, Bedrina"
-    return table(f"change | same blocks | {middle} | D, other draws | least p", rows)
+    return table(
+        "change | same blocks | run-out, valley | energy, valley | energy, Bedrina | "
+        "D, other draws | least p",
+        rows,
+    )
 
 
 def percent(share: float) -> str:
@@ -629,35 +592,6 @@ def _off(one: dict[str, list[float]]) -> str:
     return " / ".join(percent(made / seen - 1.0) for seen, made in pairs)
 
 
-def kinematics_halves() -> str:
-    """The same in halves of the rocks, and with a class fitted to the other half."""
-    found = results("kinematics/results")
-    sets = {
-        "one half": found["half"]["fit"], "the other half": found["half"]["left_out"],
-        "the other half, class fitted to the first": found["fitted_to_a_half"]["left_out"],
-    }  # fmt: skip
-    kinds = {
-        "run-out": ["run-out"],
-        **{
-            f"{kind} at 20 / 40 / 60 m": [f"{kind} {at} m" for at in (20, 40, 60)]
-            for kind in ("speed", "energy", "height")
-        },
-        "contacts": ["contacts"],
-    }
-    rows = []
-    for label, names in kinds.items():
-        for k, share in ((1, "median"), (2, "90 %")):
-            cells = (
-                " / ".join(
-                    percent(one[n]["simulated"][k] / one[n]["observed"][k] - 1).removesuffix(" %")
-                    for n in names
-                )
-                for one in sets.values()
-            )
-            rows.append(f"{label}, {share} | {' | '.join(cells)}")
-    return table(f"error (%) | {' | '.join(sets)}", rows)
-
-
 def kinematics_wheel() -> str:
     """A block of 780 kg below the cliff of Chant Sura, published and simulated."""
     found = results("kinematics/results")
@@ -724,27 +658,16 @@ def tirol() -> str:
 
 #: By the name of the mark.
 TABLES = {
-    **{
-        made.__name__.replace("_", " "): made
-        for made in (
-            calibration_coverage, zone_seeds, zone_seeds_auto, sampling,
-            discretisation_lines, discretisation_splitting, field_untuned, field_site_bands,
-            field_left_out, field_groups, field_published, field_bands, field_repeated,
-            field_mass, field_parameters, field_widths, contacts_filmed, contacts_program,
-            safety_kills, safety_fuzz, safety_extremes, speed_slope, speed_together, speed_effects,
-            speed_spots, speed_barriers, speed_peers, speed_canton, speed_routed,
-            kinematics_tschamut, kinematics_halves, kinematics_wheel, kinematics_slopes,
-            kinematics_fan, tirol,
-        )
-    },
-    **{
-        f"{made.__name__} {part}": partial(made, part)
-        for made, parts in (
-            (discretisation, ("valley", "bedrina", "piota_negra")),
-            (convergence, ("tolerance", "assumption")),
-        )
-        for part in parts
-    },
+    made.__name__.replace("_", " "): made
+    for made in (
+        discretisation, convergence, calibration_coverage, zone_seeds, zone_seeds_auto,
+        sampling, field_untuned, field_site_bands, field_left_out, field_groups,
+        field_published, field_bands, field_repeated, field_mass, field_parameters,
+        field_widths, contacts_filmed, contacts_program, safety_kills, safety_fuzz,
+        safety_extremes, speed_slope, speed_together, speed_effects, speed_spots,
+        speed_barriers, speed_peers, speed_canton, speed_routed, kinematics_tschamut,
+        kinematics_wheel, kinematics_slopes, kinematics_fan, tirol,
+    )
 }  # fmt: skip
 
 
