@@ -103,7 +103,7 @@ class Simulated:
 
     @cached_property
     def sums(self) -> dict[str, NDArray[np.generic]]:
-        """All that is kept of each cell, histograms in the bins of the run included."""
+        """Return all sums of each cell, with histograms in the bins of the run."""
         n = self.cells.size
         whole: dict[str, Any] = {
             name: np.array(self.kept[name]) if name in self.kept else np.zeros((n, k), np.uint32)

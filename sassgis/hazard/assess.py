@@ -146,7 +146,7 @@ class ZoneFacts:
 
     @property
     def open_m(self) -> FloatArray:
-        """Length of the open limit of each zone (m), shape (n_zones,)."""
+        """Return the length of the open limit of each zone (m), shape (n_zones,)."""
         length: FloatArray = shapely.length(self.open_limit)
         return length
 
@@ -171,12 +171,12 @@ class Hazard:
 
     @property
     def changed_share(self) -> float:
-        """Area whose level another sample would change, over the area that has a level."""
+        """Return the area whose level another sample would change, over that with a level."""
         return self.chances.changed_share
 
     @property
     def uncertain_share(self) -> float:
-        """Share of the area that has a level on which another sample might change it."""
+        """Return the share of the area with a level on which another sample might change it."""
         zoned = self.chances.level > 0
         return float(self.uncertain[zoned].mean()) if zoned.any() else 0.0
 
@@ -354,7 +354,7 @@ class Assessment:
 
     @property
     def without_barriers(self) -> tuple[Sampled, ...]:
-        """The sources as they reach a line without barriers."""
+        """Return the sources as they reach a line without barriers."""
         return (self.without or self.hazard).sampled
 
 

@@ -96,7 +96,7 @@ class RiskTable:
 
     @property
     def one_rock(self) -> FloatArray:
-        """Hits per year of the simulated block that counts most at each object; 0 without hits."""
+        """Return the hits per year of the block that counts most at each object; 0 without hits."""
         rates = np.array([s.rate_of_a_rock for s in self.sources])[:, None]
         reached = np.where(self.values["hits"] > 0.0, rates, 0.0)
         return np.asarray(reached.max(axis=0, initial=0.0), np.float64)

@@ -39,12 +39,12 @@ class LevelChances:
 
     @property
     def lowered(self) -> FloatArray:
-        """Probability of a lower level, shape (n,)."""
+        """Return the probability of a lower level, shape (n,)."""
         return 1.0 - self._at_least_level(0)
 
     @property
     def raised(self) -> FloatArray:
-        """Probability of a higher level, shape (n,)."""
+        """Return the probability of a higher level, shape (n,)."""
         return self._at_least_level(1)
 
     def _at_least_level(self, more: int) -> FloatArray:
@@ -53,12 +53,12 @@ class LevelChances:
 
     @property
     def changed(self) -> FloatArray:
-        """Probability of another level, shape (n,)."""
+        """Return the probability of another level, shape (n,)."""
         return self.lowered + self.raised
 
     @property
     def changed_share(self) -> float:
-        """Expected area whose level would change, over the area that has a level.
+        """Return the expected area whose level would change, over the area that has a level.
 
         Above 1 where more changes than has a level; 0 without any.
         """
@@ -67,7 +67,7 @@ class LevelChances:
 
     @property
     def changed_by_level(self) -> FloatArray:
-        """Expected share of the area of each level that would change, shape (n_levels,).
+        """Return the expected share of the area of each level that would change, shape (n_levels,).
 
         NaN of a level without area.
         """
@@ -78,7 +78,7 @@ class LevelChances:
 
     @property
     def target_share(self) -> float:
-        """Share that adaptive sampling reduces, so that each level counts.
+        """Return the share that adaptive sampling reduces, so that each level counts.
 
         That of the zoned area, or the mean over the levels with an area if it is larger.
         """

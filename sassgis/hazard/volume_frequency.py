@@ -51,12 +51,12 @@ class BlockSurvey:
 
     @property
     def is_list(self) -> bool:
-        """Whether each volume was measured."""
+        """Return whether each volume was measured."""
         return bool(np.array_equal(self.low, self.high))
 
     @property
     def blocks(self) -> int:
-        """All blocks."""
+        """Return the number of all blocks."""
         return int(self.count.sum())
 
     def complete(self, volume: float) -> BlockSurvey:
@@ -94,7 +94,7 @@ class PowerLaw:
 
     @property
     def span(self) -> float:
-        """Logarithm of the largest over the smallest volume."""
+        """Return the logarithm of the largest over the smallest volume."""
         return math.log(self.up_to / self.complete_from)
 
     def share(self, low: float, high: float, b: FloatArray | float) -> FloatArray:

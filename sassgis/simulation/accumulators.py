@@ -267,18 +267,18 @@ class Progress:
 
     @property
     def compared(self) -> bool:
-        """Whether there are sums of the same blocks without barriers."""
+        """Return whether there are sums of the same blocks without barriers."""
         return any(tally.without is not None for tally in self.sources.values())
 
     @property
     def lost_share(self) -> float:
-        """Share of the blocks that started which left the terrain model, or their fall line."""
+        """Return the share of started blocks that left the terrain model or their fall line."""
         started = int(self.reasons.sum() - self.reasons[StopReason.NEVER_STARTED])
         return float(self.reasons[StopReason.LEFT_PROFILE]) / max(started, 1)
 
     @property
     def started_runout(self) -> IntArray:
-        """Blocks that started, by run-out in whole metres, with their weights."""
+        """Return blocks that started, by run-out in whole metres, with their weights."""
         counts: IntArray = np.delete(self.runout, StopReason.NEVER_STARTED, axis=0).sum(axis=0)
         return counts
 

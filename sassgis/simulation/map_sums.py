@@ -179,7 +179,7 @@ class MapSums:
 
     @property
     def cells(self) -> IntArray:
-        """Flat indices of the cells with sums, in the order of their first block."""
+        """Return flat indices of the cells with sums, in the order of their first block."""
         return self._cells[: self._used]
 
     def column(self, name: str) -> NDArray[Any]:

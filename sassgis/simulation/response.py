@@ -43,7 +43,7 @@ class RunOutcome:
 
     @property
     def blocks(self) -> int:
-        """Blocks that started."""
+        """Return the number of blocks that started."""
         return int(self.runout.sum())
 
     def runout_m(self, *probabilities: float) -> FloatArray:

@@ -67,7 +67,7 @@ class Trees(EffectSection):
 
     @property
     def takes_anything(self) -> bool:
-        """Whether a stand with these settings takes any energy."""
+        """Return whether a stand with these settings takes any energy."""
         if self.form == "viscous":
             return self.drag_kgps > _LEAST_DRAG_KGPS and self.height_m > 0.0
         return self.efficiency > 0.0 and self.height_m > 0.0

@@ -39,7 +39,7 @@ class AppliedEdit:
 
     @property
     def changed(self) -> float:
-        """Least share of the area whose computed level has changed since; NaN if not known."""
+        """Return the least share of the area whose computed level has changed; NaN if unknown."""
         if not self.then:
             return float("nan")
         codes = {*self.now, *self.then}
@@ -47,7 +47,7 @@ class AppliedEdit:
 
     @property
     def has_changed(self) -> bool:
-        """Whether the computed level has changed by so much that a user is warned."""
+        """Return whether the computed level has changed by so much that a user is warned."""
         return self.changed >= max(CHANGED_MIN, BEYOND_CHANCE * self.by_chance)
 
 
