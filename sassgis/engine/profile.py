@@ -172,7 +172,7 @@ def foot_segment(profile: CountedRows, j: int, x: float, z: float, direction: in
             j -= 1
         else:
             break
-    # Where only the kind of ground changes, the foot decides also behind.
+    # Where only the ground class changes, the foot decides behind it too.
     while True:
         u = along(profile, j, x, z)
         if direction > 0 and u < 0.0 and j > 0 and abs(turn(profile, j, -1)) < STRAIGHT:
@@ -225,7 +225,7 @@ def last_stretch(
         else:
             high = middle
     k = low - 1
-    # A block that a wall holds lies in front of it, also on the border of a cell.
+    # A block stopped by a wall lies in front of it, also on the border of a cell.
     if reason == BARRIER and k > 0 and stretches.rows[k].start >= x > start:
         k -= 1
     return int(min(max(k, 0), stretches.n[0] - 1))

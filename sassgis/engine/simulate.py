@@ -48,7 +48,7 @@ class Visits:
     """Visits of blocks to cells, for their histograms."""
 
     visits: NDArray[np.uint64]  # as statistics.by_cell returns them
-    place: NDArray[np.int32]  # in the cells of the result, of each cell as the visits count them
+    place: NDArray[np.int32]  # in the cells of the result; number of each cell in the visits
 
     def add_to(
         self, histograms: tuple[NDArray[np.uint32], ...], row: NDArray[np.int32], weight: int = 1
@@ -80,7 +80,7 @@ class Simulated:
     # the blocks that reach each threshold "exceed" and, summed over lines, its square
     # "exceed_square". Histograms where there were more visits than there was room for.
     kept: dict[str, NDArray[np.generic]]
-    visits: Visits  # what the histograms do not have yet
+    visits: Visits  # not yet in the histograms
     n_bins: dict[str, int]  # of each histogram, in the order of the visits
     windows: IntArray  # flat indices of the cells in the middle of the windows, if asked for
     # "exceed" and "exceed_square" with a row for each window, each object.
@@ -163,7 +163,7 @@ def by_threshold(reach: Exceedance, rows: IntArray | None = None) -> dict[str, I
 
 
 def _disks(window: Window | None, cells: IntArray) -> tuple[IntArray, Disks]:
-    """Find the windows that blocks in some cells may meet: their middle cells, and disks."""
+    """Find windows that blocks in some cells may meet: their middle cells and their disks."""
     if window is None:
         none = np.empty(0, np.int64)
         nowhere = Objects(np.zeros(cells.size + 1, np.int64), none)
@@ -353,7 +353,7 @@ def run_blocks(
     ground: Ground, n_cells: int, strata: Strata, setup: Setup, effects: EffectSettings, *,
     has_stems: bool, passages: int, on_map: bool, log_events: int, compared: bool,
 ) -> tuple[Totals, Rows, Work, Path | None, Wanted | None]:  # fmt: skip
-    """Simulate blocks, with as much room as they turn out to need.
+    """Simulate blocks; repeat with more room if it was too little.
 
     Parameters
     ----------
@@ -433,7 +433,7 @@ def simulate(
 ) -> Simulated:
     """Simulate blocks down profiles.
 
-    They depend only on seed, line key and number on the line, never on what else is simulated.
+    Results depend only on seed, line key and number on the line, not on other blocks.
 
     Parameters
     ----------

@@ -27,7 +27,7 @@ _EMPTY = np.array([[s.empty for kind in ("sum", "max", "min") for s in sums_by(k
 
 
 class FlatBins(NamedTuple):
-    """Where the bins of all histograms end, one after the other, and last the thresholds of energy.
+    """Upper limits of the bins of all histograms, one after the other, then the energy thresholds.
 
     The last bin of each ends at infinity, the first begins there. At a threshold, in kJ and
     ascending from 0, blocks are counted that have this energy or more.
@@ -39,7 +39,7 @@ class FlatBins(NamedTuple):
 
 
 # The bin of a value is looked for from that of its key on: the leading bits of its binary
-# representation, exponent and so many digits, from 2^-10 up to 2^21. So there is seldom a step.
+# representation, exponent and so many digits, from 2^-10 up to 2^21. So the search is short.
 _DIGITS = 8
 _FIRST_KEY, _LAST_KEY = (int((e + 1023) << _DIGITS) for e in (-10, 21))
 
@@ -288,7 +288,7 @@ def end_stratum(reach: Exceedance, change: Exceedance) -> None:
         place = reach.met[k]
         above = np.int64(0)
         i = np.int64(reach.top[place])
-        # Of most places few blocks reach few thresholds: the others are not looked at.
+        # At most places few blocks reach few thresholds: only these are processed.
         while above < reach.own[place, -1]:
             own = np.int64(reach.own[place, i])
             if own > 0:
@@ -398,7 +398,7 @@ def meet_disks(work: CellWork, n_touched: int, mass: float, totals: Totals) -> N
 
 @lean
 def passed_cells(work: CellWork, n_touched: int, last: int) -> int:
-    """Keep the cells for which a block counts; returns their number.
+    """Keep the cells for which a block counts; return their number.
 
     They are those whose centre it passes within half a cell, and the ``last``, where it stops (-1:
     nowhere): so a cell is as wide in all directions. On lines off a map it counts for all cells.
@@ -496,7 +496,7 @@ def add_visits(
 
 @lean
 def collect(event: CellWork, n_event: int, work: CellWork, n_touched: int, mass: float) -> int:
-    """Move the cells of one block to those of it with all that it spawns, as of one of 1 kg.
+    """Merge the cells of a block into those of it with all that it spawned, as one block of 1 kg.
 
     Returns how many cells there are then.
     """

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from distributed import Client
     from distributed import Future as ClusterFuture
 
-#: Tasks handed out at a time, by process: enough that none waits, few enough for their results.
+#: Tasks per process at a time: enough that none waits, few enough to hold their results.
 _AHEAD = 3
 _CONNECT_S = 30.0
 
@@ -147,7 +147,7 @@ def cluster(scheduler: str) -> Iterator[Cluster]:
             expected='the address of a dask scheduler, such as "tcp://node:8786"',
         ) from None  # fmt: skip
     with client:
-        # What every task would raise is raised at once.
+        # An error that every task would raise is raised at once.
         try:
             found: dict[str, str] = client.run(_version)
         except (ImportError, AttributeError):

@@ -77,7 +77,7 @@ class ControlLineSums:
         self._of: dict[str, dict[str, NDArray[Any]]] = {
             q: {
                 "counts": np.zeros((n, edges.size - 1), np.int64),
-                # As of Distribution.
+                # As for Distribution.
                 "squares": np.zeros((n, edges.size - 1), np.int64),
                 # Sums of whole units and of millionths beyond them: whole numbers, so that the
                 # order of adding does not matter. They are kept apart because millionths of many

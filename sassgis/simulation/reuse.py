@@ -26,7 +26,7 @@ from sassgis.simulation.checkpoint import progress_from, state_of
 from sassgis.simulation.control_lines import ControlLineSums
 from sassgis.terrain.fall_lines import points_on
 
-#: File of a result with the sums of its release areas.
+#: File in a result with the sums of its release areas.
 KEPT_NAME = "simulation.npz"
 #: Fields of a run that may differ; the repetitions are those of the earlier result.
 _OTHERS = ("control_lines", "further_stations", "rounds")

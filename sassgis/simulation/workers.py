@@ -161,7 +161,7 @@ _LOST_MOST = 3
 
 @contextmanager
 def held_back() -> Iterator[None]:
-    """Let signals that end the command wait for the block, so that nothing is half added or saved.
+    """Delay signals that end the command until the block ends, so that nothing is half saved.
 
     KeyboardInterrupt comes after the block, if the user asked for it within.
     """

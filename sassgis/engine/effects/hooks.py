@@ -1,8 +1,8 @@
-"""Where effects act on the motion: the only file that the motion calls, and that names them all.
+"""Where effects act on the motion: the only file that the motion calls and that names all effects.
 
 Each hook is given all effects, or None for the model of 1986 only; numba then leaves out what the
-hook does. The motion is so compiled twice at most: without effects, and with all of them behind
-their forms. What an effect does stands in a separate file.
+hook does. So the motion is compiled at most twice: without effects, and with all of them behind
+their forms. Each effect is defined in a separate file.
 """
 
 from __future__ import annotations
@@ -201,7 +201,7 @@ def after_flight(
             state.vx *= kept
             state.vz *= kept
         goes_on = state.cut and not arrived
-        # Outside of what is taken back above: the wind gives energy.
+        # Not limited above, because the wind adds energy.
         if effects.push.form != OFF:
             wind.push_after(effects.push, state, limit, until, goes_on)
         if effects.stand.form != OFF:
