@@ -75,18 +75,16 @@ def gap(value: float, limits: list[float]) -> str:
 
 
 def verdict(case: str) -> str:
-    """First sentences, and the answer of each split."""
+    """The answer of each split."""
     splits = results(case).get("splits", {})
     if not splits:
         return NONE
-    said = [f"> *{split}*: {one['first_sentence']}" for split, one in splits.items()]
     rows = (
         f"{split} | {one['fitted_on']} | {one['base']} | {one['verdict']} | "
         f"{number(one['confidence'], 2)} | {', '.join(one['confusion_set'])}"
         for split, one in splits.items()
     )
-    answers = table("split | rocks fitted | base | answer | confidence | confusion set", rows)
-    return "\n>\n".join(said) + "\n\n" + answers
+    return table("split | rocks fitted | base | answer | confidence | confusion set", rows)
 
 
 def ladder(case: str) -> str:
@@ -185,22 +183,6 @@ def added() -> str:
         "energy distance",
         rows,
     )
-
-
-def values() -> str:
-    """Values of each step."""
-    found = steps()["values"]
-    names = {"mu_0": "μ_0", "mu_f": "μ_f", "mu_v": "μ_v", "restitution": "restitution",
-             "restitution_speed_mps": "its speed (m/s)", "eta_max": "η_max", "dp_max": "Δp/p",
-             "d_star_m": "d* (m)", "rolling_threshold": "rolling threshold",
-             "outline_edges": "outline_edges", "outline_share": "outline_share",
-             "rolling_friction_sd": "rolling_friction_sd"}  # fmt: skip
-    rows = [
-        " | ".join([step, *(number(round(own[n], 4), 2) if n in own else "" for n in names)])
-        for step, own in found.items()
-        if own
-    ]
-    return table(" | ".join(["fitted to half of the runs", *names.values()]), rows)
 
 
 def answers() -> str:
@@ -341,10 +323,9 @@ def both(case: str, names: tuple[str, ...]) -> dict[str, Any]:
 
 TABLES = {
     **both("tschamut", ("verdict", "ladder")),
-    **both("authume", ("uncalibrated", "verdict", "ladder", "held out")),
+    **both("authume", ("uncalibrated", "verdict", "held out")),
     "tschamut where": where,
     "tschamut steps": added,
-    "tschamut values": values,
     "tschamut answers": answers,
     "chant_sura contacts": contacts,
     "chant_sura scars": scars,

@@ -69,7 +69,6 @@ from sassgis.gap.verdict.verdict import (
     large_gaps,
     seen_of,
 )
-from sassgis.gap.words import quantity_name
 from sassgis.grid import FloatArray
 from sassgis.inputs.observation_values import THRESHOLDS, read_thresholds, thresholds_of
 from sassgis.runs.calibrate import prepared_case
@@ -504,27 +503,6 @@ def confusion() -> str:
     return table("true cause | 100 rocks, everything | 40 rocks, stations and stops", rows)
 
 
-def against() -> str:
-    """What speaks against the base at sites without an effect, by comparison and generator."""
-    own = [r for r in read_rows() if not r["effects"]]
-    sites = Counter(row["law"] for row in own)
-    found = {
-        (row["law"], row["site"], *one.split(": ")) for row in own
-        for one in filter(None, row["against"].split("; "))
-    }  # fmt: skip
-    counts = Counter((test, law) for law, _, test in {key[:3] for key in found})
-    names: dict[str, Counter[str]] = {}
-    for _, _, test, quantity in found:
-        names.setdefault(test, Counter())[quantity_name(quantity)] += 1
-    rows = []
-    for test in sorted(names, key=lambda t: (-sum(counts[t, law] for law in LAWS), t)):
-        most = sorted(names[test].items(), key=lambda item: (-item[1], item[0]))
-        shown = ", ".join(f"{name} {n}" for name, n in most)
-        cells = (f"{counts[test, law]}/{sites[law]}" for law in LAWS)
-        rows.append(" | ".join([test, shown, *cells]))
-    return table(" | ".join(["comparison", "quantity and sites", *LAWS]), rows)
-
-
 def adequacy() -> str:
     """Sites without an effect at which the base is adequate, by what else is there."""
     sites = [r for r in read_rows() if not r["effects"]]
@@ -581,7 +559,7 @@ def filled(text: str) -> str:
     text = with_headline(text)
     tables = {
         "laws": by_generator, "confusion": confusion, "level": level,
-        "against": against, "reached": reached, "adequacy": adequacy,
+        "reached": reached, "adequacy": adequacy,
     }  # fmt: skip
     for name, made in tables.items():
         text = between_marks(text, name, made())

@@ -8,9 +8,7 @@ JSON files.
 from __future__ import annotations
 
 import json
-from functools import partial
 from pathlib import Path
-from statistics import median
 from typing import Any
 
 import pandas as pd
@@ -41,17 +39,13 @@ def minus(text: str) -> str:
     return text.replace("-", "−")
 
 
-def discretisation(slope: str) -> str:
-    """Results over the tolerances, with the interval: run-outs, energies and heights far down.
-
-    Blocks on the two profiles leave at the lower end, so their run-outs say nothing.
-    """
+def discretisation() -> str:
+    """Results in the valley over the tolerances: run-outs, energies and heights far down."""
     found = rows_of("discretisation/summary")
-    found = found[found["slope"] == slope]
+    found = found[found["slope"] == "valley"]
     lengths = found.groupby("tolerance_m")["segment_length_m"].first()
     rows = [" | ".join(["*segment length (m)*", *(f"*{v:.1f}*" for v in lengths), ""])]
-    left_out = "arrivals|run-out 25 %| at 60 m " if slope == "valley" else "arrivals|run-out"
-    found = found[~found["quantity"].str.contains(left_out)]
+    found = found[~found["quantity"].str.contains("arrivals|run-out 25 %| at 60 m ")]
     for quantity, own in found.groupby("quantity", sort=False):
         half = 0.5 * (own["high_95"] - own["low_95"]).max()
         rows.append(" | ".join([quantity, *map(rounded, own["value"]), f"± {rounded(half, 2)}"]))
@@ -59,67 +53,35 @@ def discretisation(slope: str) -> str:
     return table(f"tolerance (m) | {tolerances} | sampling, at most", rows)
 
 
-def discretisation_lines() -> str:
-    """Change of single lines of the valley against the finest tolerance."""
-    found = rows_of("discretisation/lines_valley")
-    finest, *others = found["tolerance_m"].unique()
-    rows = []
-    for quantity in ("run-out 50 % (m)", "run-out 95 % (m)", "E95 at 150 m (kJ)"):
-        values = found.pivot(index="slope", columns="tolerance_m", values=quantity)
-        gaps = 100.0 * (values[others].div(values[finest], axis=0) - 1.0).abs()
-        for word, share in (("median", 0.5), ("largest", 1.0)):
-            cells = " | ".join(f"{v:.0f} %" for v in gaps.quantile(share, interpolation="nearest"))
-            rows.append(f"{quantity.split(' (')[0]}, {word} of the lines | {cells}")
-    return table(" | ".join([f"against {finest:g} m", *(f"{t:g} m" for t in others)]), rows)
-
-
-def discretisation_splitting() -> str:
-    """Polylines with divided segments against the original ones."""
-    row = (
-        "{slope} | {parts} | {same_rocks_percent:.0f} % | {mean_change_m:+.2f} m | "
-        "{D_same_seed:.3f} | {p_other_seed:.3f}"
-    )
-    found = rows_of("discretisation/splitting")
-    most = found.loc[found.groupby("slope", sort=False)["parts"].idxmax()]
-    return table(
-        "slope | parts | same blocks | mean change | D, same draws | p, other draws",
-        map(row.format_map, most.to_dict("records")),
-    )
-
-
 #: Where the modelling assumptions change most, by slope and quantity.
 MOST_CHANGED = (("valley", "run-out"), ("valley", "energy at"), ("bedrina", "energy at"))
 
 
-def convergence(kind: str) -> str:
-    """Numerical tolerances, or modelling assumptions, against the base: a row for each change."""
+def convergence() -> str:
+    """Modelling assumptions against the base: a row for each change."""
     found = rows_of("convergence/convergence")
     place = ["slope", "quantity"]
     base = found.loc[found["kind"] == "base", [*place, "median", "q95"]]
-    found = found[found["kind"] == kind].merge(base, "left", place, suffixes=("", "_base"))
+    found = found[found["kind"] == "assumption"].merge(base, "left", place, suffixes=("", "_base"))
     shifts = ["median", "q95"]
     for q in shifts:
         found[q] = found[q] / found[f"{q}_base"] - 1.0
     rows = []
     for variant, own in found.groupby("variant", sort=False):
-        changed = variant.replace(" halved", "")
         same = own.groupby("slope")["same_rocks_percent"].first()
-        cells = [changed, f"{same['valley']:.0f} / {same['bedrina']:.0f} %"]
-        if kind == "assumption":
-            for slope, quantity in MOST_CHANGED:
-                (one,) = own.loc[
-                    (own["slope"] == slope) & own["quantity"].str.startswith(quantity), shifts
-                ].to_numpy()
-                cells.append(" / ".join(map(percent, one)))
-        else:
-            cells.append(f"{100.0 * own[shifts].abs().to_numpy().max():.1f} %")
-            cells.append(f"{own['D_same_draws'].max():.3f}")
+        cells = [variant, f"{same['valley']:.0f} / {same['bedrina']:.0f} %"]
+        for slope, quantity in MOST_CHANGED:
+            (one,) = own.loc[
+                (own["slope"] == slope) & own["quantity"].str.startswith(quantity), shifts
+            ].to_numpy()
+            cells.append(" / ".join(map(percent, one)))
         cells += [f"{own['D_other_draws'].max():.3f}", f"{own['p_other_draws'].min():.2g}"]
         rows.append(" | ".join(cells))
-    middle = "largest change | D, same draws"
-    if kind == "assumption":
-        middle = "run-out, valley | energy, valley | energy, Bedrina"
-    return table(f"change | same blocks | {middle} | D, other draws | least p", rows)
+    return table(
+        "change | same blocks | run-out, valley | energy, valley | energy, Bedrina | "
+        "D, other draws | least p",
+        rows,
+    )
 
 
 def percent(share: float) -> str:
@@ -216,22 +178,6 @@ def field_left_out() -> str:
                 cells.append(percent(middle) if low == high else error_95(middle, [low, high]))
             rows.append(" | ".join([name, label, *cells]))
     return table("fitted at | scored on | median | 90 % | width", rows)
-
-
-def field_gain() -> str:
-    """What calibration says that it gains, and what it gains on the other half."""
-    rows = []
-    for name, one in results("field/results")["held_out"].items():
-        stated, found = (
-            minus(" / ".join(f"{v:+.1f}" for v in one["gain"][k])) for k in ("claimed_m", "crps_m")
-        )
-        chosen = f"{one['fitted_classes_recommended']} of {one['halves']}"
-        rows.append(f"{name} | {stated} | {found} | {chosen}")
-    return table(
-        "site | stated gain, 10 / 50 / 90 % of the halves (CRPS, m) | on the other half | "
-        "fitted classes recommended",
-        rows,
-    )
 
 
 def field_bands() -> str:
@@ -413,7 +359,8 @@ def safety_extremes() -> str:
     found = results("safety/extremes")
     names = ("profiles", "maps", "refused", "blocks", "given up", "failed")
     counts = (found["setups"], *(found["counts"].get(name, 0) for name in names))
-    return table(" | ".join(("set-ups", *names)), [" | ".join(f"{n:,}" for n in counts)])
+    head = " | ".join(("set-ups", *names)).replace("given up", "aborted")
+    return table(head, [" | ".join(f"{n:,}" for n in counts)])
 
 
 SLOPES = {
@@ -468,18 +415,6 @@ def speed_effects() -> str:
             for name, one in results("speed/effects").items()
         ),
     )
-
-
-def speed_limits() -> str:
-    """What the parts of a simulation cost: those that take time, their sum, the engine."""
-    labels = {"sum": "sum of the parts", "engine": "the engine"}
-    rows = []
-    for name, one in results("speed/limits").items():
-        if one["us"]:
-            per_block = f"{one['per_block']:.1f}" if "per_block" in one else ""
-            each = f"{one['ns']:.0f}" if "ns" in one else ""
-            rows.append(f"{labels.get(name, name)} | {per_block} | {each} | {one['us']:.1f}")
-    return table("part | for each block | ns each | µs for each block", rows)
 
 
 def speed_spots() -> str:
@@ -554,10 +489,7 @@ def changed_shares(own: pd.Series[float]) -> str:
     return " | ".join([*shares, *marked])
 
 
-CHANGED = (
-    "stated | levels of cells | zones as drawn | marked, of the zoned area | "
-    "of what changes, marked"
-)
+CHANGED = "stated | cells | zones | hatched, of the zoned area | changes on hatched cells"
 
 
 def zone_seeds() -> str:
@@ -566,8 +498,9 @@ def zone_seeds() -> str:
         f"{own['site']} | {own['times']} × | {changed_shares(own)} | "
         f"{own['found']} of {own['pairs']}"
         for _, own in rows_of("zone_seeds/seeds").iterrows()
+        if own["times"] in (1, 8)
     )
-    return table(f"site | blocks | {CHANGED} | `compare` finds a change", rows)
+    return table(f"site | blocks | {CHANGED} | changes in `compare`", rows)
 
 
 def zone_seeds_auto() -> str:
@@ -620,21 +553,6 @@ def sampling() -> str:
     return table(f"terrain | sampling | time | {' | '.join([*cells, *far])}", rows)
 
 
-def sampling_decided() -> str:
-    """How much is decided where a block comes to a chainage: medians over release points."""
-    rows = []
-    for one in results("sampling/decided")["rows"]:
-        same, alike = [100 * share for share in one["same"]], one["alike"]
-        rows.append(
-            f"{one['site']} | the distance of {100 * one['share']:g} % | "
-            f"{median(same):.0f} % ({min(same):.0f} to {max(same):.0f} %) | "
-            f"{median(alike):.2f} ({min(alike):.2f} to {max(alike):.2f})"
-        )
-    return table(
-        "terrain | other draws from | stop at the same place | correlation of coming far", rows
-    )
-
-
 #: The only block of 40 kg.
 PLATE = "run-out of 40 kg"
 
@@ -672,35 +590,6 @@ def _off(one: dict[str, list[float]]) -> str:
     """How far median and 90 % are off."""
     pairs = zip(one["observed"][1:], one["simulated"][1:], strict=True)
     return " / ".join(percent(made / seen - 1.0) for seen, made in pairs)
-
-
-def kinematics_halves() -> str:
-    """The same in halves of the rocks, and with a class fitted to the other half."""
-    found = results("kinematics/results")
-    sets = {
-        "one half": found["half"]["fit"], "the other half": found["half"]["left_out"],
-        "the other half, class fitted to the first": found["fitted_to_a_half"]["left_out"],
-    }  # fmt: skip
-    kinds = {
-        "run-out": ["run-out"],
-        **{
-            f"{kind} at 20 / 40 / 60 m": [f"{kind} {at} m" for at in (20, 40, 60)]
-            for kind in ("speed", "energy", "height")
-        },
-        "contacts": ["contacts"],
-    }
-    rows = []
-    for label, names in kinds.items():
-        for k, share in ((1, "median"), (2, "90 %")):
-            cells = (
-                " / ".join(
-                    percent(one[n]["simulated"][k] / one[n]["observed"][k] - 1).removesuffix(" %")
-                    for n in names
-                )
-                for one in sets.values()
-            )
-            rows.append(f"{label}, {share} | {' | '.join(cells)}")
-    return table(f"error (%) | {' | '.join(sets)}", rows)
 
 
 def kinematics_wheel() -> str:
@@ -769,27 +658,16 @@ def tirol() -> str:
 
 #: By the name of the mark.
 TABLES = {
-    **{
-        made.__name__.replace("_", " "): made
-        for made in (
-            calibration_coverage, zone_seeds, zone_seeds_auto, sampling, sampling_decided,
-            discretisation_lines, discretisation_splitting, field_untuned, field_site_bands,
-            field_left_out, field_groups, field_published, field_gain, field_bands, field_repeated,
-            field_mass, field_parameters, field_widths, contacts_filmed, contacts_program,
-            safety_kills, safety_fuzz, safety_extremes, speed_slope, speed_together, speed_effects,
-            speed_limits, speed_spots, speed_barriers, speed_peers, speed_canton, speed_routed,
-            kinematics_tschamut, kinematics_halves, kinematics_wheel, kinematics_slopes,
-            kinematics_fan, tirol,
-        )
-    },
-    **{
-        f"{made.__name__} {part}": partial(made, part)
-        for made, parts in (
-            (discretisation, ("valley", "bedrina", "piota_negra")),
-            (convergence, ("tolerance", "assumption")),
-        )
-        for part in parts
-    },
+    made.__name__.replace("_", " "): made
+    for made in (
+        discretisation, convergence, calibration_coverage, zone_seeds, zone_seeds_auto,
+        sampling, field_untuned, field_site_bands, field_left_out, field_groups,
+        field_published, field_bands, field_repeated, field_mass, field_parameters,
+        field_widths, contacts_filmed, contacts_program, safety_kills, safety_fuzz,
+        safety_extremes, speed_slope, speed_together, speed_effects, speed_spots,
+        speed_barriers, speed_peers, speed_canton, speed_routed, kinematics_tschamut,
+        kinematics_wheel, kinematics_slopes, kinematics_fan, tirol,
+    )
 }  # fmt: skip
 
 

@@ -75,7 +75,7 @@ def _write_passage(
     state: Record, output: Output, block: Block, crossings: CountedRows, crossing: Record,
     outcome: int, vx: float, vz: float, omega: float, height: float,
 ) -> None:  # fmt: skip
-    """Write what a block does where it first comes to a control line."""
+    """Write the passage of a block where it first comes to a control line."""
     for i in range(crossings.n[0]):
         # A line that is crossed twice acts twice, but is passed once.
         if crossings.rows[i].number == crossing.number:
@@ -123,7 +123,7 @@ def _is_behind(crossings: CountedRows, met: Meeting, crossing: Record) -> bool:
 
 @lean
 def _met_too(met: Meeting, line: int, when: float, outcome: int, left: float) -> Meeting:
-    """Add one more control line at the same place, and what it leaves of the speed."""
+    """Add one more control line at the same place, and the share of the speed that remains."""
     if outcome in (PASSED, OVERTOPPED):
         return met
     return Meeting(line, when, outcome, met.speed_left * left)
@@ -133,8 +133,8 @@ def _met_too(met: Meeting, line: int, when: float, outcome: int, left: float) ->
 def _comes_to(state: Record, crossing: Record, x_end: float, forward: bool) -> bool:
     """Return whether a block on its way to a chainage (m) comes to a control line.
 
-    One that was moved back may turn before it is again where lines are dealt with: chainages along
-    its new heading are others, and a line that it has not passed is ahead.
+    A block that was moved back may turn before it is back where lines were checked. Chainages along
+    the new heading differ, and a line that it has not passed is then ahead.
     """
     if not forward:
         return bool(x_end <= crossing.x < state.lines_from)

@@ -101,7 +101,7 @@ def move(
 
 @lean
 def _clear(state: Record, site: Site, x: float, stretch: int) -> None:
-    """Set the state of a block of which nothing is known but its chainage (m)."""
+    """Clear the state of a block, which gets a chainage (m) only."""
     state.spawned = False
     state.reason = STEP_LIMIT
     state.began = 0.0

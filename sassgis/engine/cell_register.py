@@ -36,7 +36,7 @@ class CellRegister(NamedTuple):
 
     @property
     def full(self) -> bool:
-        """Whether there was no room for a cell."""
+        """Return whether there was no room for a cell."""
         return bool(self.counts[FULL])
 
 

@@ -2,7 +2,7 @@
 
 A profile is touched on a segment, where the tangent point of the ellipse lies between its ends, or
 at a convex vertex, where the normal of the ellipse there lies between the normals of the two
-segments. The segments under the flight are looked at one by one; touching.py solves each.
+segments. The segments under the flight are checked one by one; ellipse_contact.py solves each.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from sassgis.engine.ellipse import CountedRows, Record, cos_sin
 from sassgis.engine.ellipse_contact import Flying, contact_with_segment, contact_with_vertex
 from sassgis.engine.profile import segment_at
 
-#: Share of a number below which what it differs by is no better than rounding.
+#: Relative difference below which two numbers differ by rounding only.
 _CANCELS = 1e-10
 
 
@@ -72,10 +72,10 @@ def _stays_beside(
 def _vertex_from(
     flying: Flying, here: Record, other: Record, touched: float, tolerance: float
 ) -> float:
-    """Return from when on a block may touch the vertex between two segments (s).
+    """Return the earliest time at which a block may touch the vertex between segments (s).
 
-    It comes near along a normal between those of the segments, so towards the line of one at least,
-    and is at both lines; not before ``touched`` is it at that of ``here``.
+    At a vertex it touches the lines of both segments and approaches at least one of them; it
+    touches the line of ``here`` at ``touched`` or later.
     """
     if flying.gravity == 0.0:
         return -np.inf
@@ -147,7 +147,7 @@ def _times_over(
 def _within_reach(
     above: float, rate: float, fall: float, reach: float, first: float, last: float
 ) -> float:
-    """Return from when on a block may touch a segment's line: not before ``first``, or infinite.
+    """Return the earliest time of touching a segment's line: ``first`` or later, or infinite.
 
     The height of its centre over the line is above + rate t − fall t², a concave parabola and so
     least at an end of the span; nothing touches while it is larger than ``reach``.
@@ -161,7 +161,7 @@ def _within_reach(
     if at_last > 0.0:
         return np.inf
     root = math.sqrt(max(rate * rate + 4.0 * fall * (above - reach), 0.0))
-    # Of a sphere that has just rebounded only rounding remains of the difference.
+    # After the rebound of a sphere the difference is rounding only.
     if root - rate > _CANCELS * abs(rate):
         first = max(first, 2.0 * (above - reach) / (root - rate))
     return first
@@ -238,7 +238,7 @@ def _contact_at(
     fresh: bool, edge: int, still: bool, same: float, best: Contact, first: float, last: float,
     above: float, rate: float, fall: float,
 ) -> Contact:  # fmt: skip
-    """Return better of the best contact so far and those with segment j, its vertices and the core.
+    """Return the best of the contact so far and those with segment j, its vertices and the core.
 
     Parameters as the locals of next_contact; ``above``, ``rate`` and ``fall`` as _within_reach.
     """

@@ -79,9 +79,9 @@ _UNTURNED = 1e9
 
 @lean
 def with_outline(block: Block, physics: Physics) -> Block:
-    """Return the block with the axes as which it moves in the plane.
+    """Return the block with the axes that represent it in the plane.
 
-    A mass point is the centre of a sphere of equal volume that nothing turns.
+    A mass point is the centre of a sphere of equal volume without rotation.
     """
     if physics.point:
         r = block.radius

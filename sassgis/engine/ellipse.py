@@ -16,7 +16,7 @@ Records = NDArray[np.void]
 
 
 class CountedRows(NamedTuple):
-    """Rows of which only the first hold: a path that is followed has room for more.
+    """Rows of which only the first are valid: a followed path has room for more.
 
     Of profiles and stretches of cells the segments are counted: one more row ends the last of them.
     """
@@ -63,11 +63,11 @@ def frame_of(a: float, b: float, s: float, c: float) -> tuple[float, float, floa
 
 @kernel
 def outlined(a: float, b: float, edges: float, share: float) -> tuple[float, float]:
-    """Return the semi-axes of the ellipse as which a block moves in the plane (m).
+    """Return the semi-axes of the ellipse that represents a block in the plane (m).
 
-    As large as that of its longer axes, of the ratio 1 + edges + share (a/b - 1). Ours: blocks with
-    edges do not roll as discs where these axes are equal, and elongated ones turn about an axis
-    that moves, so that the plane meets them in rounder outlines.
+    It has the area of the ellipse of the longer axes a and b, and the ratio 1 + edges + share (a/b
+    - 1). Our assumption: blocks with edges do not roll as discs even if these axes are equal, and
+    elongated blocks turn about a moving axis, so that their sections in the plane are rounder.
     """
     if edges == 0.0 and share == 1.0:
         return a, b

@@ -39,7 +39,7 @@ _REFINEMENTS = 30
 class Flying(NamedTuple):
     """An ellipse in free flight, from time 0 on.
 
-    With gravity = omega = 0 it is one that is moved in a straight line.
+    With gravity = omega = 0 it moves in a straight line.
     """
 
     x: float  # centre (m)
@@ -68,7 +68,7 @@ def _until_closed(gap: float, rate: float, bend: float) -> float:
 def _open_for(
     gap: float, rate: float, bend: float, jerk: float, most: float
 ) -> tuple[float, float]:
-    """Return how long (s, or infinite) a gap surely stays open, and its largest width then.
+    """Return a time for which a gap surely stays open (s, or infinite), and its largest width.
 
     ``gap``, ``rate`` and ``bend`` are the gap (m), its first and minus its second derivative now;
     ``jerk`` and ``most`` bound the size of its third and minus its second derivative at any time.
@@ -127,7 +127,7 @@ def contact_with_segment(
     jerk = (a - b) * (4.0 + 3.0 * difference / (b * b)) * spin2 * abs(omega)
     # The tangent point moves no faster than this along the segment, after what gravity adds.
     foot_speed = difference / b * abs(omega)
-    # A step that moves nothing by a millionth of the block.
+    # A step in which nothing moves by more than a millionth of the block.
     surface = abs(vx) + abs(vz) + abs(omega) * a + math.sqrt(gravity * b)
     tiny = _TINY * b / surface if surface > 0.0 else 0.0
     touched = np.inf

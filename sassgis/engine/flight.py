@@ -26,9 +26,9 @@ from sassgis.engine.state import (
     same_event,
 )
 
-#: Ground that is known ahead of a block, beyond its longest semi-axis (m).
+#: Length of known ground ahead of a block, beyond its longest semi-axis (m).
 MARGIN_M = 0.01
-# A block that moves straight up or down is looked at for so long (s).
+# Look-ahead for a block that moves straight up or down (s).
 _LONGEST = 1e6
 
 
@@ -113,7 +113,7 @@ def flight(
         state.hindered = True
         until = barrier.when
     elif contact.segment < 0 and not _is_over_ground(state, site.profile, g, until):
-        # The ground was missed: what would follow is no motion of a block.
+        # The ground was missed: any further motion would be wrong.
         end(state, STEP_LIMIT)
         return
     _advance(state, block, site, output, g, until)

@@ -3,8 +3,8 @@
 Between two turns of its heading a block moves in a vertical plane, over the heights of the terrain
 along a straight line in plan. Where the heading turns (heading.py) the profile begins anew, on the
 plane of the ground that the block touches, turned with the heading; that plane goes on until the
-terrain has left it by the tolerance. So the block stands to the ground as before, and the path as
-it was gone is a profile in one plane, as Bozzolo and Pamini (1986, Fig. 1) have it.
+terrain has left it by the tolerance. So the position of the block to the ground is unchanged, and
+the path, unfolded, is a profile in one plane, as in Bozzolo and Pamini (1986, Fig. 1).
 
 Positions in plan are in cells from the outer corner of the grid: u eastward, v southward.
 """
@@ -31,15 +31,15 @@ from sassgis.terrain.cells import SHORTEST_STRETCH, cell_index, exact, height_at
 _ROOM = 512
 #: Ground behind a block, in its longest semi-axes.
 BEHIND = 4.0
-# A plane goes on for this share of the shorter semi-axis at least: one that ended under the block,
-# at the limit of the tolerance, would begin anew without end.
+# Least length of a plane, as a share of the shorter semi-axis: a plane that ended under the block,
+# at the limit of the tolerance, would begin anew endlessly.
 _LEAST_PLANE = 0.05
 # A parabola may lie off its chord by this share of the tolerance.
 _BENT = 0.25
 # A line nearer than this (m) to where the block has met it is the same crossing: places in plan are
 # rounded.
 _SAME_CROSSING_M = 1e-6
-# Heights of a plane differ from a straight line by rounding: that makes no vertex (m).
+# Heights of a plane differ from a straight line by rounding: no vertex below this (m).
 _ROUNDING = 1e-9
 
 
@@ -514,7 +514,7 @@ def _end_profile(state: Record, site: Site, path: Path) -> None:
     """End the last segment at the last sample."""
     profile = site.profile
     if profile.n[0] == state.plane_at and state.sampled <= state.x:
-        # The block stands at the edge of what is known.
+        # The block is at the edge of the known terrain.
         state.sampled = state.x + SHORTEST_STRETCH
         state.ahead_z = state.plane_z + state.plane_slope * SHORTEST_STRETCH
         u, v = place(state, state.x)
@@ -526,7 +526,7 @@ def _end_profile(state: Record, site: Site, path: Path) -> None:
 
 @lean
 def _forget_behind(state: Record, block: Block, site: Site) -> None:
-    """Make room: take the ground far behind the block away."""
+    """Make room: remove the ground far behind the block."""
     profile = site.profile
     n = profile.n[0]
     first = 0

@@ -19,7 +19,7 @@ _LEAST_WALL = 0.5
 
 @lean
 def keep_behind(state: Record, block: Block, site: Site, at: int, back: bool, rise: float) -> int:
-    """Keep the ground behind a block for the next profile where it is a wall; how many vertices.
+    """Keep the ground behind a block for the next profile if it is a wall; count its vertices.
 
     A block between two walls would fall out of its pit if the plane of one went on through the
     other. Where the ground behind rises little above the plane, or falls away from it, the plane
@@ -87,7 +87,7 @@ def keep_behind(state: Record, block: Block, site: Site, at: int, back: bool, ri
 def sample_behind(
     state: Record, block: Block, site: Site, path: Path, z: float, slope: float, ground: int
 ) -> int:
-    """Sample the ground behind a block that has turned far; how many vertices that makes.
+    """Sample the ground behind a block that has turned far; count its vertices.
 
     Where it lies below the plane through height z (m) the plane goes on instead, as in keep_behind.
     """

@@ -53,12 +53,12 @@ def tips(block: Block, friction: float) -> bool:
 
 @lean
 def _tip(state: Record, block: Block, site: Site, gravity: float, down: float) -> float:
-    """Let a sliding block tip over and roll, if it is fast enough; else the speed at which it does.
+    """Let a fast enough sliding block tip over and roll; else return the speed it needs.
 
     Friction brings it to rolling with its angular momentum about the ground kept: v' = v/(1 + I/r²)
     and the energy v²/2/(1 + I/r²), of which the rise of the centre is taken. Where rolling friction
-    is more than the slope, it has to turn over its longer axis too; it slides on where the slope is
-    more than the friction of sliding, which then is less than that of rolling. -1 once it rolls.
+    exceeds the slope, it also has to turn over its longer axis; where the slope exceeds sliding
+    friction, it slides on. Returns -1 once it rolls.
     """
     profile = site.profile
     here = profile.rows[state.segment]
@@ -71,7 +71,7 @@ def _tip(state: Record, block: Block, site: Site, gravity: float, down: float) -
     mu_r = rolling.rolling_friction(block, ground)
     if down < mu_r * here.tx:
         if down > ground.mu_f * here.tx:
-            # It would gain speed sliding and lose it rolling, in turn and without end.
+            # It would gain speed sliding and lose it rolling, in an endless cycle.
             return math.inf
         needed += gravity * here.tx * (block.a - radius)
     if 0.5 * state.speed * state.speed < needed * block.roll_share:
@@ -336,7 +336,7 @@ def _lift_off(state: Record, block: Block, site: Site, gravity: float, lift: flo
     c, s = cos_sin(lift)
     lever, support, _ = frame_of(block.a, block.b, c, -direction * s)
     rise = support - block.roll_radius
-    # Also where the spin lags behind the speed no energy is made.
+    # No energy arises even where the spin lags behind the speed.
     energy = (
         0.5 * (state.speed * state.speed + block.inertia * state.omega * state.omega)
         - gravity * ux * rise

@@ -16,7 +16,7 @@ between heading and descent follows
 
 s being the length in plan; over a step of constant κ, tan(χ/2) falls by exp(−κ s).
 
-A block that is not the mirror image of itself in its plane of motion steers off steadily. It sees
+A block that is not symmetric about its plane of motion drifts steadily. It sees
 the descent turned by an angle that is drawn once for it: its drift.
 """
 
@@ -66,13 +66,13 @@ LONGEST_STEP, _SAME_SLOPE = 8.0, 0.02
 _FARTHEST = 32.0
 # Below this angle (rad) a half-angle tangent is taken to its third power: right to 1e-10.
 _SMALL = 0.02
-# Impacts that turn the heading less than this do not (rad).
+# Smaller turns by impacts are ignored (rad).
 _NO_TURN = 1e-9
-# What lay behind a block before it has turned by more than this does not lie there after it (rad).
+# After a larger turn the ground behind the block is no longer that of before (rad).
 _FAR_TURN = 0.2
 # The ground under a block is no steeper than this (m per m): 86 degrees.
 _STEEPEST = 14.1
-# A block that comes less than this far (m) in each of so many stretches on the ground is wedged.
+# A block that advances by less than this (m) in each of so many stretches is wedged.
 _NO_WAY_M = 1e-6
 _STUCK = 100
 # A block that comes to the edge of the known terrain lies so far before it (m): on the edge it
@@ -82,7 +82,7 @@ _EDGE_M = 0.01
 
 @inlined
 def head(state: Record, path: Path, u: float, v: float, hu: float, hv: float) -> None:
-    """Let the present chainage be at (u, v), in cells, with a unit vector as heading."""
+    """Set the place (u, v), in cells, and the heading, a unit vector, at the present chainage."""
     state.from_x = state.x
     state.from_u = exact(u)
     state.from_v = exact(v)
@@ -92,7 +92,7 @@ def head(state: Record, path: Path, u: float, v: float, hu: float, hv: float) ->
 
 @inlined
 def _downhill(state: Record, gu: float, gv: float) -> tuple[float, float]:
-    """Return unit vector of the descent as a block sees it that drifts."""
+    """Return the unit vector of the descent, turned by the drift of the block."""
     per_size = 1.0 / math.sqrt(gu * gu + gv * gv)
     c = state.drift_cos
     s = state.drift_sin
@@ -119,7 +119,7 @@ def start_path(
     effects: hooks.Effects | None, state: Record, block: Block, site: Site, path: Path,
     u: float, v: float,
 ) -> bool:  # fmt: skip
-    """Set out at a place in the direction of the descent; whether the terrain is known there.
+    """Start a path down the descent from a place; return whether the terrain is known there.
 
     On level ground any direction is as likely.
     """
@@ -140,7 +140,7 @@ def continue_path(
     effects: hooks.Effects | None, state: Record, block: Block, site: Site, path: Path,
     spawned: Record,
 ) -> None:  # fmt: skip
-    """Set out where another block has spawned this one, if the terrain is known there."""
+    """Start a path where another block has spawned this one, if the terrain is known there."""
     state.x = spawned.x
     _clear_path(effects, state, block, site, path)
     c = math.cos(spawned.aside)
@@ -156,7 +156,7 @@ def _set_out(
     state: Record, block: Block, site: Site, path: Path, u: float, v: float, hu: float, hv: float,
     slope: float,
 ) -> bool:  # fmt: skip
-    """Begin a path at a place with a unit vector as heading; whether the terrain is known there."""
+    """Begin a path with a unit vector as heading; return whether the terrain is known there."""
     z, ground = _ground_at(path, u, v)
     if ground < 0:
         return False
@@ -351,8 +351,8 @@ def after_impact(
     if backwards or (state.phase == FLIGHT and abs(angle) > _NO_TURN):
         turn_heading(state, block, site, path, physics.gravity, angle, gu, gv, known)
     else:
-        # Of what goes on along the ground before_ground turns the heading: where the profile began
-        # anew at a corner that the block has just come over, it would meet it again without end.
+        # For motion along the ground before_ground turns the heading: a profile that began anew at
+        # a corner just passed would make the block meet the corner again endlessly.
         state.turn = angle
 
 
@@ -371,10 +371,10 @@ def before_flight(state: Record, block: Block, site: Site, path: Path, physics: 
 def before_ground(
     state: Record, block: Block, site: Site, path: Path, physics: Physics
 ) -> tuple[float, float]:
-    """Turn the heading as far as is due, and look how far the ground may be followed.
+    """Turn the heading as far as is due, and find how far the ground may be followed.
 
     Returns the square of the slope of the terrain at block scale, and the angle from the heading to
-    the descent, to the right (rad). Where a block has turned to, it may be in flight.
+    the descent, to the right (rad). After the turn the block may be in flight.
     """
     u, v = place(state, state.x)
     gu, gv, known = gradient(path, u, v, block.radius)
@@ -383,7 +383,7 @@ def before_ground(
     descent = _angle_to(state, gu, gv, path.cell_size)
     angle = state.turn
     if state.speed <= 0.0:
-        # What starts from rest starts down the descent.
+        # From rest a block starts down the descent.
         state.direction = 1
         if steep2 > 1e-12:
             angle = descent
@@ -498,7 +498,7 @@ def stays_on_known(state: Record, site: Site) -> None:
 
 @inlined
 def wedged(state: Record) -> bool:
-    """Return whether a block between walls has not come on for so many stretches."""
+    """Return whether a block between walls has not advanced for so many stretches."""
     if abs(state.x - state.stuck_x) > _NO_WAY_M:
         state.stuck_x = state.x
         state.stuck = 0
@@ -509,7 +509,7 @@ def wedged(state: Record) -> bool:
 
 @inlined
 def place_spawned(state: Record, spawned: CountedRows, before: int) -> None:
-    """Write where the blocks are that an impact has spawned, from number ``before`` on."""
+    """Write the places of the blocks that an impact has spawned, from number ``before`` on."""
     for i in range(before, min(spawned.n[0], spawned.rows.size)):
         row = spawned.rows[i]
         row.u, row.v = place(state, row.x)

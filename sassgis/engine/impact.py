@@ -81,7 +81,7 @@ def rebound_at_contact(
     The normal impulse p grows from 0; slip s and approach c at P change in proportion to it. P
     slips until s = 0 (at p_s), then sticks, or slips back where friction cannot hold it. The
     normal force does work ∫c dp < 0 until c = 0, and gives e² of it back (Stronge, 1990, Proc. R.
-    Soc. A 431, 169). The impact ends there. Friction only takes energy: none is made.
+    Soc. A 431, 169). The impact ends there. Friction never adds energy.
     Returns (v_x, v_y, ω).
     """
     slip = vx - y * omega
@@ -123,12 +123,12 @@ def rebound_at_contact(
 
 @lean
 def held_back(vx: float, ploughing: float, impulse: float) -> float:
-    """Return speed along the ground after what the ground, yielding, pushes back (m/s).
+    """Return the speed along the ground after the resistance of yielding ground (m/s).
 
-    The impulse ploughing × normal impulse (per unit mass, m/s) acts at the centre, against its way
-    ``vx`` after rebound and friction: it stops the block at most, and leaves its spin. Blocks
-    observed at Chant Sura lose speed along the ground without gaining spin, steep impacts more than
-    grazing ones: docs/studies/contacts.md.
+    The impulse ploughing × normal impulse (per unit mass, m/s) acts at the centre, against ``vx``,
+    the speed after rebound and friction. It stops the block at most and leaves its spin unchanged.
+    Blocks observed at Chant Sura lose speed along the ground without gaining spin, steep impacts
+    more than grazing ones: docs/studies/contacts.md.
     """
     return math.copysign(max(abs(vx) - ploughing * impulse, 0.0), vx)
 

@@ -34,8 +34,8 @@ from sassgis.engine.statistics import BOTH, WITH, WITHOUT, Totals, Wanted
 from sassgis.grid import FloatArray, IntArray
 from sassgis.terrain.cells import exact
 
-#: What simulate_strata returns: whether all went well; for what there was too little room: rows of
-#: passages or spawned blocks, cells of followed paths, visits, blocks spawned by a released one.
+#: Result of simulate_strata: done, or what there was too little room for: rows of passages or
+#: spawned blocks, cells of followed paths, visits, blocks spawned by a released one.
 DONE, NO_ROOM, MANY_CELLS, MANY_VISITS, TOO_MANY_SPAWNED = range(5)
 
 # Room for visits of each thread: _room_for_visits.
@@ -112,7 +112,7 @@ class Work(NamedTuple):
 
 
 def _room_for_visits(n: int) -> NDArray[np.uint64]:
-    """Return room for visits, which each thread keeps: the system clears memory that it gives."""
+    """Return room for visits, kept by each thread: new memory would have to be cleared."""
     if getattr(_KEPT, "visits", np.empty(0)).size < n:
         _KEPT.visits = np.empty(n, np.uint64)
     own: NDArray[np.uint64] = _KEPT.visits
@@ -160,7 +160,7 @@ def simulate_strata(
     Returns
     -------
     int
-        DONE, or else why not: then nothing that was filled is of use.
+        DONE, or the reason why not; the filled rows are then invalid.
     """
     for i in range(strata.number.size):
         if lines is not None:
@@ -199,7 +199,7 @@ def simulate_blocks(
 ) -> int:  # fmt: skip
     """Simulate all blocks of stratum ``i``; parameters and what it returns as simulate_strata.
 
-    A block whose motion a barrier has changed is simulated again, without any, if that is wanted.
+    If wanted, a block whose motion a barrier has changed is simulated again without barriers.
     """
     compared = rows.reasons_without.size > 0
     again = False
@@ -297,7 +297,7 @@ def simulate_released(
     else:
         if spawned.n[0] > n_spawned:
             return TOO_MANY_SPAWNED
-        # They count together, with their energies in J.
+        # They count as one block, with energies in J.
         added = add_to_totals(totals, work, work.event, n_event, 1.0, where)
     return DONE if added else MANY_VISITS
 
@@ -376,7 +376,7 @@ def site_of(i: int, lines: Lines, setup: Setup) -> Site:
 
 @lean
 def open_row(row: Record, line: int, number: int, spawned: int, start: float) -> None:
-    """Write which block a row is about, and the chainage at which it starts (m)."""
+    """Write the identity of a block into its row, and the chainage at which it starts (m)."""
     row.line = line
     row.rock = number
     row.piece = spawned

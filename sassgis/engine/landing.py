@@ -1,4 +1,4 @@
-"""A block that touches the ground: it lands softly or rebounds, and flies, rolls or slides on."""
+"""Contact of a block with the ground: it lands softly or rebounds, then flies, rolls or slides."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ from sassgis.engine.state import (
     log_event,
 )
 
-#: A flight that begins in contact without a normal speed is looked at again after this turn (rad).
+#: A flight that begins in contact without a normal speed is checked again after this turn (rad).
 FIRST_TURN = 1e-4
 # A block that bounces on one spot with less energy than this share of g r is at rest.
 _REST_SHARE = 1e-3
@@ -44,7 +44,7 @@ def _kinetic(block: Block, vx: float, vz: float, omega: float) -> float:
 
 @lean
 def _trembles(state: Record, block: Block, energy: float, gravity: float) -> bool:
-    """Return whether contacts on one spot show that a block only trembles: it has come to rest."""
+    """Return whether contacts on one spot show that a block has come to rest."""
     if abs(state.x - state.spot_x) + abs(state.z - state.spot_z) < _SAME_SPOT * block.radius:
         state.crowded += 1
         return bool(state.crowded > _MOST_ON_SPOT and energy < _REST_SHARE * gravity * block.radius)
@@ -87,12 +87,12 @@ def _rebound(
     effects: hooks.Effects | None, ct: float, st: float, vt: float, energy: float,
     as_circle: bool, round_m: float,
 ) -> bool:  # fmt: skip
-    """Change the velocity by an impact; whether it breaks the block.
+    """Change the velocity by an impact; return whether it breaks the block.
 
     ``ct`` and ``st`` are cosine and sine of its angle, ``vt`` its velocity along the ground (m/s),
-    ``energy`` its kinetic energy before (J/kg). Of one that is met ``as_circle``, as which it
-    rolls, the roughness of the ground is in the rolling friction, and its slope is not varied.
-    ``round_m`` is the radius of the circle as which it is met (m), 0 for the ellipse.
+    ``energy`` its kinetic energy before (J/kg). If it is met ``as_circle``, as it rolls, the slope
+    is not varied: rolling friction includes the roughness of the ground. ``round_m`` is the radius
+    of the circle as which it is met (m), 0 for the ellipse.
     """
     state.impacts += 1
     here = site.profile.rows[state.segment]
@@ -113,7 +113,7 @@ def _rebound(
     ploughing = 1.0 - ground.eta_max
     growing = growth(block, ground, physics)
     if as_circle:
-        # It goes on rolling: rounding the corner costs what rolling costs.
+        # It goes on rolling: the corner costs as much energy as rolling.
         ploughing = _resistance(block, ground, vx * mz - vz * mx, growing)
         growing = 0.0
     wt, wn, omega = impact(
@@ -254,7 +254,7 @@ def _leaves(physics: Physics, as_circle: bool, wn: float, contact: float, low: f
 
 @lean
 def _leave_as_ellipse(state: Record, block: Block) -> None:
-    """Turn a block that leaves a corner so that it touches the ground there as its circle does.
+    """Turn a block that leaves a corner so that its ellipse touches the ground as its circle did.
 
     Of the two orientations the one whose flank recedes.
     """
@@ -270,7 +270,7 @@ def _leave_as_ellipse(state: Record, block: Block) -> None:
 def way_on(wt: float, omega: float, radius: float) -> int:
     """Return the direction along the ground, 1 or -1, of a block with velocity (m/s) and spin.
 
-    One that the ground has stopped along its way goes on as it spins: rounding must not decide.
+    A block stopped along the ground goes on in the direction of its spin, not by rounding.
     """
     return 1 if wt + _STOPPED * omega * radius >= 0.0 else -1
 
@@ -309,7 +309,7 @@ def _settle(
 def rolling_place(
     profile: CountedRows, segment: int, foot_x: float, foot_z: float, radius: float
 ) -> tuple[float, float]:
-    """Find the centre of a block that rolls as a circle over a foot with nothing in the way."""
+    """Find the centre of a block that rolls as a circle over a foot without obstacles."""
     here = profile.rows[segment]
     x = foot_x - radius * here.tz
     z = foot_z + radius * here.tx
@@ -321,7 +321,7 @@ def _slide_or_rest(
     state: Record, block: Block, grounds: Records, profile: CountedRows, gravity: float, wt: float,
     foot_x: float, foot_z: float,
 ) -> None:  # fmt: skip
-    """Let a block slide as it lies, if it can; one that would have to rise first is wedged."""
+    """Let a block slide in its orientation; it is wedged if its centre had to rise first."""
     here = profile.rows[state.segment]
     ct, st = cos_sin(state.theta)
     _, support, _ = frame_of(

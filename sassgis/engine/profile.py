@@ -13,11 +13,11 @@ from sassgis.engine.recording import STRETCH_DTYPE
 from sassgis.engine.state import BARRIER, VERTEX_DTYPE
 from sassgis.grid import FloatArray, IntArray
 
-# A vertex nearer than this to the line between its neighbours is none (m).
+# A vertex nearer than this to the line between its neighbours is removed (m).
 _STRAIGHT_M = 1e-9
 # Distance from the end of a segment at which a block counts as past it (m).
 _PAST = 1e-5
-#: Turns below this angle between two segments are no vertex (rad).
+#: A vertex with a turn below this angle is removed (rad).
 STRAIGHT = 1e-9
 
 
@@ -52,7 +52,7 @@ def without_straight_vertices(
 ) -> tuple[FloatArray, FloatArray, NDArray[np.int32]]:
     """Return the profile without vertices at which neither direction nor ground changes.
 
-    Such a vertex is none: however a straight slope is cut, the same blocks come down it.
+    So blocks do not depend on how a straight slope is divided.
     """
     n = s.size
     keep = np.empty(n, np.int64)
@@ -172,7 +172,7 @@ def foot_segment(profile: CountedRows, j: int, x: float, z: float, direction: in
             j -= 1
         else:
             break
-    # Where only the kind of ground changes, the foot decides also behind.
+    # Where only the ground class changes, the foot decides behind it too.
     while True:
         u = along(profile, j, x, z)
         if direction > 0 and u < 0.0 and j > 0 and abs(turn(profile, j, -1)) < STRAIGHT:
@@ -225,7 +225,7 @@ def last_stretch(
         else:
             high = middle
     k = low - 1
-    # A block that a wall holds lies in front of it, also on the border of a cell.
+    # A block stopped by a wall lies in front of it, also on the border of a cell.
     if reason == BARRIER and k > 0 and stretches.rows[k].start >= x > start:
         k -= 1
     return int(min(max(k, 0), stretches.n[0] - 1))

@@ -212,7 +212,7 @@ def record_stop(
 ) -> int:
     """Record the cell of stretch i, where a block comes to rest; returns the cells touched.
 
-    One that lands softly is put where it rolls or slides: no path leads into that cell.
+    A block that lands softly is moved to where it rolls or slides: no path leads to that cell.
     """
     cell = stretches.rows[i].cell
     if work.peak[cell, ENERGY] >= 0.0:

@@ -1,9 +1,9 @@
 """Resistance that grows with the speed, on the ground and at impacts.
 
-Beside friction the ground holds a block back with μ_v v²/(g d) times the normal force, d the
-diameter of the block: ground that is ploughed and thrown sideways takes momentum from it, and with
-v²/(g d) blocks of all sizes move alike. Form and values are ours; that speeds saturate on long
-slopes, later for larger blocks, is observed (docs/studies/kinematics.md).
+Besides friction the ground resists with μ_v v²/(g d) times the normal force, d being the diameter
+of the block: ground that is ploughed and thrown sideways takes momentum. With v²/(g d) blocks of
+all sizes move alike. Form and values are our assumptions. Speeds are observed to saturate on long
+slopes, later for larger blocks (docs/studies/kinematics.md).
 
 Along a path s on straight ground d(v²)/ds = 2 (p − κ v²), κ = μ_v cos β/d: all here is in closed
 form, so that nothing depends on how a path is cut. ``pull`` is p − κ v² where a path begins.

@@ -118,7 +118,7 @@ def lift_off_angle(block: Block, way: Way) -> float:
     low = 0.0
     at_low, _ = _force_before_upright(block, way, low)
     if at_low > 0.0:
-        # It barely reaches the speed: the force may have ended and come back.
+        # It barely reaches the speed: the force may have vanished and returned.
         for i in range(1, _SCANS):
             angle = high * (1.0 - i / _SCANS)
             found, _ = _force_before_upright(block, way, angle)
@@ -145,8 +145,8 @@ def _guess(upright: float, weight: float) -> float:
 def _end_of_force(block: Block, way: Way, low: float, high: float, angle: float) -> float:
     """Find where between two angles (rad) the normal force ends: it is 0 or less at ``low`` only.
 
-    Newton's method from ``angle`` on; from the second step on by the cubic of the angle over the
-    force through the last two values and slopes.
+    Newton's method from ``angle``; from the second step on the cubic of the angle over the force
+    through the last two values and slopes.
     """
     before = force_before = per_rate_before = 0.0
     last = np.inf

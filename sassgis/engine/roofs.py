@@ -47,7 +47,8 @@ def mark_roofs(passages: NDArray[np.void], lines: Sequence[ControlLine], gravity
         )
         own = passages[over]
         slope = math.tan(math.radians(line.roof_slope_deg))
-        # A block that tops it by its lowest point may have its centre lower than at rest there.
+        # A block whose lowest point passes above the edge may have its centre lower than at rest
+        # there.
         above = np.maximum(own["height_m"] - line.height_m, 0.0)
         distance, speed = roof_landing(above, own["vx_mps"], own["vz_mps"], slope, gravity)
         lands = distance <= line.width_m

@@ -1,4 +1,4 @@
-"""The driver: checks and converts what a run needs, calls the kernel, names what comes out."""
+"""The driver: checks and converts what a run needs, calls the kernel, names the results."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ class Visits:
     """Visits of blocks to cells, for their histograms."""
 
     visits: NDArray[np.uint64]  # as statistics.by_cell returns them
-    place: NDArray[np.int32]  # in the cells of the result, of each cell as the visits count them
+    place: NDArray[np.int32]  # in the cells of the result; number of each cell in the visits
 
     def add_to(
         self, histograms: tuple[NDArray[np.uint32], ...], row: NDArray[np.int32], weight: int = 1
@@ -60,7 +60,7 @@ class Visits:
 
 @dataclass(frozen=True, slots=True)
 class BlocksWithoutBarriers:
-    """The same blocks as if there were no barriers."""
+    """The same blocks without barriers."""
 
     # Flat indices of the cells, or of those in the middle of the windows if asked for, at which
     # "exceed" and "exceed_square" differ; by how much they exceed those with barriers.
@@ -80,7 +80,7 @@ class Simulated:
     # the blocks that reach each threshold "exceed" and, summed over lines, its square
     # "exceed_square". Histograms where there were more visits than there was room for.
     kept: dict[str, NDArray[np.generic]]
-    visits: Visits  # what the histograms do not have yet
+    visits: Visits  # not yet in the histograms
     n_bins: dict[str, int]  # of each histogram, in the order of the visits
     windows: IntArray  # flat indices of the cells in the middle of the windows, if asked for
     # "exceed" and "exceed_square" with a row for each window, each object.
@@ -97,13 +97,13 @@ class Simulated:
     # First and last row, first and last column of the grid of the cells that followed paths looked
     # at, ahead of the blocks; None on given lines.
     looked_at: tuple[int, int, int, int] | None = None
-    # Of what the blocks of each point leave open; empty on given lines, 0 unless asked for.
+    # Uncertainty left by the blocks of each point; empty on given lines, 0 unless asked for.
     worth: FloatArray = field(default_factory=lambda: np.empty(0))
     without: BlocksWithoutBarriers | None = None  # if asked for
 
     @cached_property
     def sums(self) -> dict[str, NDArray[np.generic]]:
-        """All that is kept of each cell, histograms in the bins of the run included."""
+        """Return all sums of each cell, with histograms in the bins of the run."""
         n = self.cells.size
         whole: dict[str, Any] = {
             name: np.array(self.kept[name]) if name in self.kept else np.zeros((n, k), np.uint32)
@@ -163,7 +163,7 @@ def by_threshold(reach: Exceedance, rows: IntArray | None = None) -> dict[str, I
 
 
 def _disks(window: Window | None, cells: IntArray) -> tuple[IntArray, Disks]:
-    """Find the windows that blocks in some cells may meet: their middle cells, and disks."""
+    """Find windows that blocks in some cells may meet: their middle cells and their disks."""
     if window is None:
         none = np.empty(0, np.int64)
         nowhere = Objects(np.zeros(cells.size + 1, np.int64), none)
@@ -353,7 +353,7 @@ def run_blocks(
     ground: Ground, n_cells: int, strata: Strata, setup: Setup, effects: EffectSettings, *,
     has_stems: bool, passages: int, on_map: bool, log_events: int, compared: bool,
 ) -> tuple[Totals, Rows, Work, Path | None, Wanted | None]:  # fmt: skip
-    """Simulate blocks, with as much room as they turn out to need.
+    """Simulate blocks; repeat with more room if it was too little.
 
     Parameters
     ----------
@@ -433,7 +433,7 @@ def simulate(
 ) -> Simulated:
     """Simulate blocks down profiles.
 
-    They depend only on seed, line key and number on the line, never on what else is simulated.
+    Results depend only on seed, line key and number on the line, not on other blocks.
 
     Parameters
     ----------
@@ -460,7 +460,8 @@ def simulate(
     log_events : int
         Events to keep in the log of each block.
     effects : EffectSettings, optional
-        What the model of 1986 leaves out. A block and those that it spawns count once in each cell.
+        Effects that the model of 1986 leaves out. A block and those that it spawns count once in
+        each cell.
     forest : Forest, optional
         For the effect of trees.
     compared : int, optional

@@ -79,7 +79,7 @@ def follow(
 ) -> Simulated:
     """Simulate blocks from release points, each along the path that it takes over the terrain.
 
-    They depend only on seed, key of the point and number there, never on what else is simulated.
+    Results depend only on seed, key of the point and number there, not on other blocks.
 
     Parameters
     ----------
@@ -114,7 +114,7 @@ def follow(
     )  # fmt: skip
     forest = terrain.forest
     steps = 0 if window is None else window.steps()[0].size
-    # What was enough for a chunk before is so for most that follow.
+    # Room that sufficed for one chunk suffices for most of the next.
     key = terrain.grid.shape, steps
 
     def ground(n_cells: int) -> tuple[Totals, None, Path, Wanted | None]:
@@ -154,9 +154,9 @@ def _wanted(worth: Worth | None, register: CellRegister, n: int) -> Wanted | Non
 def room_at_first(steps: int) -> int:
     """Return cells for which there is room at first, if so many windows are listed for each.
 
-    Where it was too few the blocks are simulated again, with room for twice as many. Room that
-    is not used costs next to nothing, but the list of windows is in one block: as many cells as
-    64 MB hold, and 8192 at least.
+    If they were too few, the blocks are simulated again with room for twice as many. Unused room
+    costs almost nothing, but the list of windows is in one block: at most as many cells as 64 MB
+    hold, at least 8192.
     """
     return max(1 << 13, min(1 << 16, (1 << 23) // max(steps, 1)))
 

@@ -50,7 +50,7 @@ CROSSING_DTYPE = record_type(
     ("seen", np.bool_),  # whether the block has been here
 )
 
-#: Where a block is, how it moves, and what has become of it.
+#: Where a block is, how it moves, and how it ended.
 STATE_FIELDS: tuple[tuple[str, Any], ...] = (
     ("spawned", np.bool_),  # by an impact of another block
     ("phase", _I),
@@ -91,7 +91,7 @@ STATE_FIELDS: tuple[tuple[str, Any], ...] = (
     ("top_speed", _F),  # (m/s)
     ("top_height", _F),  # (m)
     ("top_energy", _F),  # (J/kg)
-    # On a path that is followed (path.py):
+    # On a followed path (ground_ahead.py, heading.py):
     ("open", np.bool_),  # whether the ground goes on where the profile ends
     ("reach", _F),  # chainage at which a stretch on the ground ends at the latest (m)
     ("from_x", _F),  # chainage and place (cells) from which the heading holds

@@ -27,7 +27,7 @@ _EMPTY = np.array([[s.empty for kind in ("sum", "max", "min") for s in sums_by(k
 
 
 class FlatBins(NamedTuple):
-    """Where the bins of all histograms end, one after the other, and last the thresholds of energy.
+    """Upper limits of the bins of all histograms, one after the other, then the energy thresholds.
 
     The last bin of each ends at infinity, the first begins there. At a threshold, in kJ and
     ascending from 0, blocks are counted that have this energy or more.
@@ -39,7 +39,7 @@ class FlatBins(NamedTuple):
 
 
 # The bin of a value is looked for from that of its key on: the leading bits of its binary
-# representation, exponent and so many digits, from 2^-10 up to 2^21. So there is seldom a step.
+# representation, exponent and so many digits, from 2^-10 up to 2^21. So the search is short.
 _DIGITS = 8
 _FIRST_KEY, _LAST_KEY = (int((e + 1023) << _DIGITS) for e in (-10, 21))
 
@@ -186,8 +186,8 @@ def empty_totals(
     """
     flat = flat_bins(bins)
     levels = bins.threshold.size
-    # In one block, so large that it comes zeroed from the system: of zeros that nobody writes to no
-    # memory is taken then. Smaller ones the C library takes of its own, and clears.
+    # In one large block, which comes zeroed from the system: zeros that nobody writes to then take
+    # no memory. Smaller blocks come from the C library, which clears them.
     zeros = np.zeros(n_cells * flat.first[-2], np.uint32)
     edges = pairwise(flat.first[:-1])
     # Hazard is counted in windows where there are some, else in cells.
@@ -288,7 +288,7 @@ def end_stratum(reach: Exceedance, change: Exceedance) -> None:
         place = reach.met[k]
         above = np.int64(0)
         i = np.int64(reach.top[place])
-        # Of most places few blocks reach few thresholds: the others are not looked at.
+        # At most places few blocks reach few thresholds: only these are processed.
         while above < reach.own[place, -1]:
             own = np.int64(reach.own[place, i])
             if own > 0:
@@ -304,7 +304,7 @@ def end_stratum(reach: Exceedance, change: Exceedance) -> None:
 
 
 class Wanted(NamedTuple):
-    """Where it is worth to know more, as in settings.map_run.Worth.
+    """Where more blocks are worth most, as in settings.map_run.Worth.
 
     Filled is ``found``: the sum over windows and energies of worth · k (n - k), k of the n blocks
     of a stratum having come there with the energy. That is n - 1 times worth times the variance of
@@ -319,7 +319,7 @@ class Wanted(NamedTuple):
 
 @lean
 def add_worth(reach: Exceedance, wanted: Wanted, stratum: int, n_blocks: int) -> None:
-    """Add what the blocks of a stratum leave open in the windows to which they came."""
+    """Add the uncertainty that the blocks of a stratum leave in the windows they reached."""
     for k in range(reach.n_met[0]):
         place = reach.met[k]
         worth = wanted.of_cell[wanted.cell[place]]
@@ -398,7 +398,7 @@ def meet_disks(work: CellWork, n_touched: int, mass: float, totals: Totals) -> N
 
 @lean
 def passed_cells(work: CellWork, n_touched: int, last: int) -> int:
-    """Keep the cells for which a block counts; returns their number.
+    """Keep the cells for which a block counts; return their number.
 
     They are those whose centre it passes within half a cell, and the ``last``, where it stops (-1:
     nowhere): so a cell is as wide in all directions. On lines off a map it counts for all cells.
@@ -496,7 +496,7 @@ def add_visits(
 
 @lean
 def collect(event: CellWork, n_event: int, work: CellWork, n_touched: int, mass: float) -> int:
-    """Move the cells of one block to those of it with all that it spawns, as of one of 1 kg.
+    """Merge the cells of a block into those of it with all that it spawned, as one block of 1 kg.
 
     Returns how many cells there are then.
     """

@@ -1,4 +1,4 @@
-"""As many blocks as a map needs: how many more, and at which release points."""
+"""Adaptive sampling: how many more blocks a map needs, and at which release points."""
 
 from __future__ import annotations
 
@@ -21,17 +21,18 @@ from sassgis.settings.statistics_table import bins_of
 from sassgis.simulation.accumulators import Progress
 from sassgis.terrain.prepare import Plan
 
-#: A point has an eighth of the blocks of another at least: what few blocks show may be wrong.
+#: Each point has at least an eighth of the blocks of any other: few blocks may mislead.
 _MOST_HALVINGS = 3
-#: By how much repetitions grow one by one, in all; few blocks say little of how many more.
+#: Growth of the number of blocks: at least, so that the search ends; at most, because the need is
+#: poorly known from few blocks.
 _LEAST_GROWTH, _MOST_GROWTH = 1.25, 4.0
-#: Beyond what the present share asks for: the next one is a little off.
+#: Factor on the need computed from the present share, which is uncertain.
 _MARGIN = 1.05
 
 
 @dataclass(frozen=True, slots=True)
 class MoreBlocks:
-    """Says after each repetition whether it takes another one, and which.
+    """Decides after each repetition whether another one is needed, and which.
 
     ``seconds`` is the part of the time of the budget that the simulation may take.
     """
@@ -42,7 +43,7 @@ class MoreBlocks:
     tell: Callable[[str], None]
 
     def __call__(self, run: MapRun, planned: Plan, progress: Progress) -> Round | None:
-        """Return the next repetition, None for enough; sets what progress is to find out in it."""
+        """Return the next repetition, None for enough; set what the progress records in it."""
         sampled = sampled_sources(run, progress, self.rules.frequencies)
         curves = curves_of(sampled, bins_of(run).threshold)
         known = np.isfinite(run.grid.values)
@@ -95,7 +96,7 @@ class MoreBlocks:
             of = planned.points.area == area
             name = run.areas[area].name, run.blocks[k].name
             started = max(tally.rocks - tally.never_started, 1)
-            # One repetition says little of one point: that of all points counts as one more.
+            # One repetition says little about one point: the mean of all points counts as one more.
             own, n = found[of, k], repeated[of, k]
             smooth = (n * own + own.mean()) / (n + 1)
             out[of, k] = (self.rules.frequencies[name] / started) ** 2 * smooth
@@ -108,7 +109,7 @@ def halvings_of(left_open: FloatArray | None, planned: Plan) -> NDArray[np.uint8
     Neyman (1934): where a stratum adds v/n to the variance, n proportional to the root of v gives
     the least variance of all samples of one size; here to the nearest power of 2, within an eighth
     of the most. ``left_open`` is v of each stratum, shape (n_points, n_scenarios), as the result;
-    None where all have as many.
+    None if all have the same number.
     """
     if left_open is None or not (left_open > 0.0).any():
         return None
@@ -119,7 +120,7 @@ def halvings_of(left_open: FloatArray | None, planned: Plan) -> NDArray[np.uint8
     with np.errstate(divide="ignore"):
         steps = 0.5 * np.log2(own.max() / own)
     best, least = None, 1.0
-    # What is most of all may be so by chance: those that are not halved begin below it.
+    # The largest value may be chance: points are not halved from somewhat below it on.
     for top in np.arange(0.0, 2.0 * _MOST_HALVINGS, 0.5):
         halved = np.clip(np.rint(steps - top), 0, _MOST_HALVINGS)
         cost = np.mean(0.5**halved) * np.sum(own * 2.0**halved) / own.sum()
@@ -143,7 +144,7 @@ def round_within(
     while n > 0:
         own = halvings
         if own is not None:
-            # Of few repetitions some cannot be halved as often.
+            # Few repetitions cannot be halved that often.
             most = min(int(math.log2(n)), _MOST_HALVINGS)
             n, own = n >> most << most, np.minimum(own, most).astype(np.uint8)
         more = Round(first, n, own if own is not None and own.any() else None)
@@ -155,7 +156,7 @@ def round_within(
 
 
 def check_budget(config: Config, run: MapRun, blocks: int) -> None:
-    """Raise ConfigError for a budget smaller than one repetition (``blocks``), or of no use."""
+    """Raise ConfigError if the budget is below one repetition (``blocks``) or has no effect."""
     budget, release = config.hazard.budget, run.release
     if budget is None:
         return

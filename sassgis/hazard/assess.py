@@ -146,7 +146,7 @@ class ZoneFacts:
 
     @property
     def open_m(self) -> FloatArray:
-        """Length of the open limit of each zone (m), shape (n_zones,)."""
+        """Return the length of the open limit of each zone (m), shape (n_zones,)."""
         length: FloatArray = shapely.length(self.open_limit)
         return length
 
@@ -165,18 +165,18 @@ class Hazard:
     levels: Coverage  # the same with the edits of experts
     facts: ZoneFacts  # of the zones of ``levels``
     intensities: Intensities  # class k is the preset's intensity k - 1
-    chances: LevelChances  # what another sample of blocks would make of the level of cells
+    chances: LevelChances  # levels of cells with another sample
     uncertain: BoolArray  # shape (n,); whether it might change the level of a cell of ``chances``
     edits: tuple[AppliedEdit, ...]
 
     @property
     def changed_share(self) -> float:
-        """Area whose level another sample would change, over the area that has a level."""
+        """Return the area whose level another sample would change, over that with a level."""
         return self.chances.changed_share
 
     @property
     def uncertain_share(self) -> float:
-        """Share of the area that has a level on which another sample might change it."""
+        """Return the share of the area with a level on which another sample might change it."""
         zoned = self.chances.level > 0
         return float(self.uncertain[zoned].mean()) if zoned.any() else 0.0
 
@@ -193,7 +193,7 @@ def curves_of(sampled: Sequence[Sampled], energies_kj: np.ndarray) -> HazardCurv
     return hazard_curves([s.source for s in sampled], [s.cells for s in sampled], energies_kj)
 
 
-#: Of no release area.
+#: Rims without any release area.
 NO_RIMS: IntArray = np.empty((2, 0), np.int64)
 
 
@@ -263,7 +263,7 @@ def level_zones(
     ``levels`` are those of the places of the curves, ``rims`` those of rims_of.
 
     Where no cell of a map is above that of the next, the zones of the first lie within those of the
-    next: drawn each for itself, smoothing by itself would make zones higher here and lower there.
+    next. Drawn separately, smoothing would raise zones here and lower them there.
     """
     maps = [
         (c.places, np.maximum(level, cells_within_limit(c, preset, grid, rules.smoothing_m)))
@@ -290,8 +290,8 @@ def zone_facts(
 ) -> ZoneFacts:
     """Compute the attribution and confidence of zones of hazard level.
 
-    Of the cells of the curves, ``not_certain`` are those whose level is, and ``lowered`` is the
-    probability that another sample lowers it. What an edit has set no sample of blocks changes.
+    ``not_certain`` marks the cells of the curves whose level is uncertain, ``lowered`` is the
+    probability that another sample lowers it. A level that an edit has set depends on no sample.
     """
     n = zones.polygons.size
     zone = zone_of_cells(zones, grid, curves.places)
@@ -334,7 +334,7 @@ class Rules:
     vulnerability: Vulnerability | None
     zones: Drawing
     ref_width_m: float  # reference width of all frequencies (m): one cell or more
-    notices: tuple[str, ...]  # what the readers had to say
+    notices: tuple[str, ...]  # warnings of the readers
     edits: tuple[Edit, ...] = ()  # of the zones with the walls and nets there are
     assessed: tuple[Any, ...] = ()  # shapely polygons: what was assessed completely
     in_part: bool = False  # whether maps are made part by part: sampling_error.level_chances
@@ -345,7 +345,7 @@ class Assessment:
     """Result of zoning."""
 
     hazard: Hazard  # with the walls and nets there are
-    without: Hazard | None  # without them; None if there are none or nobody asked
+    without: Hazard | None  # without them; None if there are none or not wanted
     # Intensities of each single release area; empty unless asked for.
     by_area: dict[str, Intensities]
     risk: RiskTable | None
@@ -354,7 +354,7 @@ class Assessment:
 
     @property
     def without_barriers(self) -> tuple[Sampled, ...]:
-        """The sources as they reach a line without barriers."""
+        """Return the sources as they reach a line without barriers."""
         return (self.without or self.hazard).sampled
 
 
@@ -411,8 +411,8 @@ def assess(
     """Assess hazard and risk from the counts of a simulation.
 
     ``without`` are the same sources without walls and nets; ``by_source`` asks for zones of
-    intensity of each single release area. ``drawing_of`` says how zones are drawn on a sheet that
-    shows the cells with a level; without it that is as in the rules.
+    intensity of each single release area. ``drawing_of`` returns the drawing for a sheet that shows
+    the cells with a level; default: that of the rules.
     """
     both = [sampled] if without is None else [sampled, without]
     curves = [curves_of(own, energies_kj) for own in both]

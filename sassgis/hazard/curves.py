@@ -34,8 +34,8 @@ def source_rate(source: Source, counts: SourceCounts) -> FloatArray:
 def source_variance(source: Source, counts: SourceCounts) -> FloatArray:
     """Compute the sampling variance of ``source_rate`` (1/year²).
 
-    NaN where blocks were counted but the sample does not give it (one block per line, one random
-    line); 0 where none was, as in the places that the source does not reach at all.
+    NaN where the sample cannot give it (one block per line, one random line); 0 where no block was
+    counted.
     """
     variance = count_variance(
         counts.count, counts.square, source.rocks_per_line, source.lines, source.random_points
@@ -66,13 +66,11 @@ def hazard_curves(
     Sums are made over the scenarios of each area first, and then over the areas in the order in
     which they first appear: the rate of two areas is exactly the sum of the single rates.
 
-    Sources are independent samples, and their variances add up. Not so the scenarios of an area
-    whose release points were drawn at random: they start from the same points, so that their
-    standard errors are added, which is the most that they can reach.
+    Sources are independent samples: their variances add up. The scenarios of an area with random
+    release points start from the same points: their standard errors add up, an upper bound.
 
-    The rate of one block is the largest of the scenarios of those areas from which any block
-    arrived: none of a few blocks of a frequent scenario says little against it where a rare one
-    arrives.
+    The rate of one block is the largest among the scenarios of the areas from which any block
+    arrived: where a rare scenario arrives, a frequent one with few blocks may arrive as well.
 
     ``energies_kj`` are those of the columns of the counts, ascending from 0 (kJ).
     """
@@ -157,7 +155,7 @@ def _joined(
 
 
 def at_energies(curves: HazardCurves, energies_kj: Sequence[float]) -> HazardCurves:
-    """Return the curves at some of their energies (kJ); ValueError if one is none of theirs."""
+    """Return the curves at some of their energies (kJ); ValueError if one is not among them."""
     return curves.part(slice(None), [curves.column(e) for e in energies_kj])
 
 
@@ -174,7 +172,7 @@ def return_period(rate: ArrayLike) -> FloatArray:
 
 
 def meets(rate: ArrayLike, years: float | FloatArray) -> NDArray[np.bool_]:
-    """Return whether a rate (1/year) is at least 1/T, but for rounding; NaN meets nothing."""
+    """Return whether a rate (1/year) is at least 1/T, but for rounding; False for NaN."""
     met: NDArray[np.bool_] = np.asarray(rate, np.float64) * years >= 1.0 - _ROUNDING
     return met
 
@@ -218,8 +216,8 @@ def energy_at(curves: HazardCurves, years: float | FloatArray) -> FloatArray:
 def rate_interval(curves: HazardCurves, confidence: float = 0.95) -> tuple[FloatArray, FloatArray]:
     """Compute limits (1/year) between which the rates lie, each of shape (n, n_energies).
 
-    By ``map_sums.gamma_interval``: what another sample of blocks would change, and nothing of
-    the model, its parameters or the onset frequency. ``confidence`` is below 1.
+    By ``map_sums.gamma_interval``, for the sampling error only: errors of the model, its parameters
+    and the onset frequency are not included. ``confidence`` is below 1.
     """
     return gamma_interval(
         curves.rate, curves.variance, curves.rate_of_one, confidence, curves.freedom

@@ -1,4 +1,4 @@
-"""Loads on a barrier at a line by residual frequency, and how far they go beyond measurements."""
+"""Loads on a barrier at a line by residual frequency, and where they exceed measurements."""
 
 from __future__ import annotations
 
@@ -28,8 +28,8 @@ class Arrivals:
 
     edges: FloatArray  # shape (n + 1,); of the bins in which the quantity was counted
     rate: FloatArray  # shape (n + 1,); frequency at or above each edge, per year; 0 at the last
-    # Shape (n + 1,); simulated blocks behind it; of blocks that count differently, or come from
-    # few points, as many alike as have the same variance.
+    # Shape (n + 1,); simulated blocks behind it; with unequal weights or few points the number of
+    # equal blocks that has the same variance.
     rocks: np.ndarray
     largest: float  # largest value of any block; NaN if none arrived
     # The rate with its variance by the sampling; the line is the place, the edges are the energies.
@@ -138,7 +138,7 @@ _COMPARED = (
     ("height_m", "passing heights", "m"),
     ("rotation_hz", "rotations", "Hz"),
 )
-#: Shares of the cells below this are single cells, not the map.
+#: Below this share of the cells an excess concerns single cells: no warning.
 _LEAST_SHARE = 0.01
 
 

@@ -145,8 +145,8 @@ def cells_within_limit(
     """Find places around which blocks arrive at least as often as the rarest event of a preset.
 
     The frequency is the mean around a place, weighted by a normal density that has the standard
-    deviation of a disk of this width along each axis. So the limit is not that of the paths of
-    single blocks. Only places that a block reached are within it. With a width of 0 no place is.
+    deviation of a disk of this width along each axis. So single paths do not shape the limit. Only
+    places that a block reached are within it. With a width of 0 no place is.
     """
     if preset.rarest_years is None or width_m == 0.0 or not curves.places.size:
         return np.zeros(curves.places.size, np.bool_)
@@ -247,12 +247,12 @@ def _unverified_fields(preset: HazardPreset) -> dict[str, str]:
     return words
 
 
-#: Zones let the terrain through, and what is drawn below them.
+#: Opacity of zones: terrain and layers below remain visible.
 ZONE_OPACITY = 0.7
 _ZONE = Symbol("fill", "#808080", opacity=ZONE_OPACITY, outline="#4d4d4d", outline_mm=0.25)
 
-#: How barriers change the level of a place: label and colour. Green and purple stand apart for
-#: all common kinds of colour vision, and are no colours of levels.
+#: How barriers change the level of a place: label and colour. Green and purple differ in all common
+#: kinds of colour vision, and no level has them.
 LEVEL_CHANGES: Mapping[str, tuple[str, str]] = {
     "lower": ("Lower level", "#7fbf7b"),
     "same": ("Same level", "#f7f7f7"),
@@ -312,7 +312,7 @@ def zone_style(column: str, entries: Sequence[tuple[str, str, str, bool]]) -> Ve
 
 
 def opaque(style: VectorStyle) -> VectorStyle:
-    """Return the same style, with nothing shining through."""
+    """Return the same style, opaque."""
     return replace(
         style,
         symbol=replace(style.symbol, opacity=1.0),

@@ -14,7 +14,7 @@ from sassgis.settings.hazard_rules import HazardCurves, Source, SourceCounts
 from sassgis.settings.map_run import ObjectCells
 from sassgis.simulation.map_sums import MapSums, quantiles
 
-#: Of the energy and height that are stated of all blocks that reach an object.
+#: Quantile of energy and height that is stated for all blocks that reach an object.
 _Q95 = 0.95
 
 
@@ -43,9 +43,8 @@ class ObjectValues:
     """Energies and heights of the blocks that reach each object."""
 
     arrivals: ObjectEstimate  # blocks per year; without frequencies, the blocks themselves
-    # Not exceeded by 95 % of the blocks: of the energy each counts once with its largest on the
-    # object, as often as it is released; of the height once in each cell, as often as it was
-    # simulated.
+    # 95 % quantiles. Energy: each block counts once with its largest value on the object, by its
+    # frequency. Height: each simulated block counts once in each cell.
     energy_q95_kj: ObjectEstimate
     height_q95_m: ObjectEstimate
     # Exceeded once in a return period (years); empty without frequencies.
@@ -88,12 +87,12 @@ def object_values(
         unknown = ends[1].rate[:, -1] * years >= 1.0
         low = np.where(np.isnan(low), 0.0, low)
         high = np.where(unknown, np.nan, high)
-        # The value comes in another way where the next energy of the curve is one of no block.
+        # Where no block has the next energy of the curve the interpolation differs.
         low, high = np.minimum(low, value), np.maximum(high, value)
         return placed(value, *(np.where(np.isnan(value), np.nan, v) for v in (low, high)))
 
     rate = curves.rate[:, 0]
-    # Of blocks that are released 0 times a year no energy is known, however long one waits.
+    # Blocks with a frequency of 0 have no energy at any return period.
     few = (1.0 - _Q95) * rate
     of_few = np.divide(1.0, few, out=np.full(rate.shape, np.nan), where=few > 0.0)
     return ObjectValues(
@@ -112,9 +111,9 @@ def _heights(
     confidence: float,
 ) -> ObjectEstimate:
     """Compute the 95 % quantile of the passing height in the cells of each object."""
-    # Limits by the order of as many independent blocks as the rate of the object and its variance
-    # are those of (binomial, taken as normal), but no more than arrive: where nearly all blocks
-    # arrive, the variance is that of the few that do not, and says nothing of the heights.
+    # Limits are order statistics (binomial, taken as normal) of as many independent blocks as give
+    # the rate of the object its variance, but no more than arrive: where nearly all arrive, the
+    # variance is that of the few others.
     n = objects.n_objects
     pooled = np.zeros((n, edges.size - 1), np.int64)
     largest = np.zeros(n)

@@ -96,7 +96,7 @@ class RiskTable:
 
     @property
     def one_rock(self) -> FloatArray:
-        """Hits per year of the simulated block that counts most at each object; 0 without hits."""
+        """Return the hits per year of the block that counts most at each object; 0 without hits."""
         rates = np.array([s.rate_of_a_rock for s in self.sources])[:, None]
         reached = np.where(self.values["hits"] > 0.0, rates, 0.0)
         return np.asarray(reached.max(axis=0, initial=0.0), np.float64)
@@ -108,7 +108,7 @@ def _sums(rows: FloatArray) -> FloatArray:
 
 
 def _samples(sources: Sequence[Source]) -> list[tuple[str, str]]:
-    """Return the sample of each source; points drawn for an area are those of all of it."""
+    """Return the sample of each source; scenarios of an area share its drawn points."""
     return [(s.area, "" if s.random_points else s.scenario) for s in sources]
 
 
@@ -123,7 +123,7 @@ def by_sample(variance: FloatArray, sources: Sequence[Source]) -> FloatArray:
     of_source = [number[key] for key in keys]
     error = np.zeros((len(number), variance.shape[1]))
     np.add.at(error, of_source, np.sqrt(variance))
-    # Alone, a source keeps its variance to the last bit.
+    # A single source keeps its variance to the last bit.
     alone = np.bincount(of_source, minlength=len(number)) == 1
     out: FloatArray = error**2
     for source, sample in enumerate(of_source):
@@ -170,7 +170,7 @@ def weighted_variance(
     """Return the upper bound of the sampling variance of Σ_i h_i c_i for one source.
 
     The classes' counts are nested (a block of a strong class is among those of the weak ones), so
-    that their errors hang together, while the sample keeps the squares of each count only and not
+    that their errors are correlated, while the sample keeps only the squares of each count, not
     their products. With w_i = c_i − c_{i−1} the quantity is Σ_i w_i λ_i.
 
     *Release points on a lattice* (strata of n blocks). The variance of a stratum is n times the
@@ -353,7 +353,7 @@ def _total_row(
 
 
 def _largest_individual(table: RiskTable, own: Iterable[int]) -> float:
-    """Find the largest risk of one person; who drives along a road passes all its stretches."""
+    """Find the largest risk of one person; a driver passes all stretches of a road."""
     risks = table.of_object("individual_risk")
     wholes: dict[str, list[float]] = {}
     for i in own:
@@ -366,7 +366,7 @@ def _who(thing: ExposedObject) -> dict[str, object]:
 
 
 def _share(part: float, whole: float) -> float:
-    """Return the part over whole; NaN where there is no whole."""
+    """Return the part over the whole; NaN where the whole is 0."""
     return float(part / whole) if whole else math.nan
 
 

@@ -14,14 +14,14 @@ from sassgis.hazard.curves import at_energies, wide_variance
 from sassgis.hazard.levels import limits_of_levels, window_of
 from sassgis.settings.hazard_rules import HazardCurves, HazardPreset
 
-#: Least and most of what few places say of all: shapes of a gamma distribution stay above 0, and no
-#: place that no block reached is certain to be.
+#: Upper limits of estimates from few places: shapes of the gamma distribution stay above 0, and no
+#: unreached place is certain to be reached.
 _MOST_BETA, _MOST_CHANCE = 0.95, 0.9
-#: Places that say β = 0 before there are any: few say little.
+#: Number of prior places with β = 0: few places are a poor estimate.
 _AT_FIRST = 20.0
-#: So many blocks will not come where none did.
+#: So many blocks are not expected where none came.
 _FEW_BLOCKS = 8
-#: Beyond this many times the blocks a cell counts as one that no sample decides.
+#: If more than this many times the blocks are needed, no sample decides the cell.
 MAX_FACTOR = 2.0**20
 
 
@@ -39,12 +39,12 @@ class LevelChances:
 
     @property
     def lowered(self) -> FloatArray:
-        """Probability of a lower level, shape (n,)."""
+        """Return the probability of a lower level, shape (n,)."""
         return 1.0 - self._at_least_level(0)
 
     @property
     def raised(self) -> FloatArray:
-        """Probability of a higher level, shape (n,)."""
+        """Return the probability of a higher level, shape (n,)."""
         return self._at_least_level(1)
 
     def _at_least_level(self, more: int) -> FloatArray:
@@ -53,12 +53,12 @@ class LevelChances:
 
     @property
     def changed(self) -> FloatArray:
-        """Probability of another level, shape (n,)."""
+        """Return the probability of another level, shape (n,)."""
         return self.lowered + self.raised
 
     @property
     def changed_share(self) -> float:
-        """Expected area whose level would change, over the area that has a level.
+        """Return the expected area whose level would change, over the area that has a level.
 
         Above 1 where more changes than has a level; 0 without any.
         """
@@ -67,7 +67,7 @@ class LevelChances:
 
     @property
     def changed_by_level(self) -> FloatArray:
-        """Expected share of the area of each level that would change, shape (n_levels,).
+        """Return the expected share of the area of each level that would change, shape (n_levels,).
 
         NaN of a level without area.
         """
@@ -78,7 +78,7 @@ class LevelChances:
 
     @property
     def target_share(self) -> float:
-        """Share that a search for enough blocks brings down, so that no level is left out.
+        """Return the share that adaptive sampling reduces, so that each level counts.
 
         That of the zoned area, or the mean over the levels with an area if it is larger.
         """
@@ -102,9 +102,10 @@ class LevelChances:
     def uncertain(self, confidence: float) -> BoolArray:
         """Return whether another sample might give a place another level, shape (n,).
 
-        These are the places with another level in the interval, and as many more, the most probable
-        first, as hold a share ``confidence`` of all that another sample changes; but none that is
-        five times less probable than the interval asks for. In a part of the map only the former.
+        These are, first, the places with another level in the interval. The most probable others
+        follow until all hold a share ``confidence`` of the changes by another sample; none is five
+        times less probable than the interval requires. In a part of the map only the first are
+        returned.
         """
         lowest, highest = self.interval(confidence)
         if self.in_part:
@@ -129,15 +130,14 @@ def level_chances(
     """Return levels that another sample of as many blocks would give.
 
     With one weight w of all blocks a place has n = λ/w of them, with several w = v/λ, for which λ
-    has its variance v. What n says of the expected number m hangs on how many places there are of
-    each m. With as many as m^(−1−β), m has a gamma distribution with shape n − β, and another
-    sample a number N with P(N >= k) = I(k, n − β) at one half, the negative binomial. β follows
+    has its variance v. The expected number m, given n, depends on how many places have each m. If
+    this is proportional to m^(−1−β), m has a gamma distribution with shape n − β. Another sample
+    then has a number N with P(N >= k) = I(k, n − β) at one half, the negative binomial. β follows
     from the numbers of places with one and with two blocks, f₁ and f₂: the mean of m is 1 − β at
     the former, and 2 f₂/f₁ by Good (1953, Biometrika 40: 237-264).
 
-    So of the places without a block f₁ (2^β − 1)/β are reached by another sample. Where they are,
-    the places with one block show: as many of them lie at a distance from those with several as
-    new ones at the same distance from those with any.
+    So another sample reaches f₁ (2^β − 1)/β places that have no block. Their distances to places
+    with any block are taken as those from places with one block to places with several.
 
     The classes of intensity are counted on the same blocks: the most probable of those that give a
     level decides.
@@ -150,8 +150,7 @@ def level_chances(
     level : int16, shape (n,)
         Of the places, by `levels.hazard_level`.
     known : bool, shape (n_rows, n_cols), optional
-        Cells of the terrain with a height; without them nothing is said of places that no block
-        reached.
+        Cells of the terrain with a height; without them places that no block reached are left out.
     in_part : bool
         Whether this is a part of a map. What is counted over all places is left out, so that the
         result does not depend on the part: β is 0, and no place that no block reached is looked at.
@@ -213,7 +212,7 @@ def _chance_of_rate(
 
 
 def _alike(weight: FloatArray, blocks: FloatArray) -> tuple[FloatArray, FloatArray, IntArray]:
-    """Return each pair of a weight and a number of blocks once, and the pair of each place."""
+    """Return the different pairs of weight and number of blocks, and the pair of each place."""
     weights, of_weight = np.unique(weight, return_inverse=True)
     counts, of_count = np.unique(blocks, return_inverse=True)
     pairs, of = np.unique(of_weight * counts.size + of_count, return_inverse=True)
@@ -233,11 +232,12 @@ def _first_reached(
     limits: FloatArray,
     known: BoolArray | None,
 ) -> tuple[IntArray, FloatArray, FloatArray]:
-    """Return places with their neighbours, and the chance that another sample comes first.
+    """Return places and neighbours, and the chance that another sample is first to reach each.
 
     ``blocks`` of a rate ``weight`` came to the places, by the class of their energy. The chance is
-    by class as well; the weight of a neighbour is that of the nearest place. Where no few blocks
-    make one of the ``limits``, or no cell of the terrain is ``known``, there are no neighbours.
+    by class as well; the weight of a neighbour is that of the nearest place. There are no
+    neighbours if few blocks cannot reach one of the ``limits``, or no cell of the terrain is
+    ``known``.
     """
     alone = places, np.zeros(blocks.shape), weight
     least = np.where(np.isfinite(limits), limits, np.inf).min(axis=0)
@@ -250,7 +250,7 @@ def _first_reached(
     single = window.map_of((blocks[:, 0] > 0.0) & (blocks[:, 0] < 1.5))
     if not (several.any() and single.any()):
         return alone
-    # No new place is farther from the others than one of one block from those of several.
+    # No new place is farther from the others than a place with one block from those with several.
     margin = math.ceil(float(distance(~several)[0][single].max())) + 1
     window = window_of(places, known.shape, margin)
     chances, before = [], known[window.rows, window.cols]
@@ -261,7 +261,7 @@ def _first_reached(
             several = window.map_of(blocks[:, i] >= 1.5)
             found = _chance_of_first(some, several, before & ~some, _beta(blocks[:, i]))
         chances.append(found)
-        # What comes with much energy comes with less.
+        # A block above a high threshold is above the lower ones.
         before = some
     near = distance(~window.map_of(weight > 0.0))[1]
     row, col = np.nonzero(np.any([c > 0.0 for c in chances], axis=0))
@@ -327,10 +327,10 @@ def distance(beyond: BoolArray) -> tuple[FloatArray, IntArray]:
 def worth_of_places(curves: HazardCurves, preset: HazardPreset) -> FloatArray:
     """Compute how much less area another sample changes per unit less of variance.
 
-    What it changes along a limit grows with the standard error s of the rates there, of which the
-    cells within about two errors of the limit L count: as many of them as the area that changes,
-    and exp(−d²/2)/s² of d = (λ − L)/s, summed over cells, is the change by s². The thresholds of
-    the preset are among the energies; shape (n, n_intensities), scaled to 1 at most.
+    The change along a limit L grows with the standard error s of the rates there; cells within
+    about two errors of L count. With d = (λ − L)/s, the change by s² is the sum of exp(−d²/2)/s²
+    over cells. The thresholds of the preset are among the energies; shape (n, n_intensities),
+    scaled to 1 at most.
     """
     few = at_energies(curves, preset.thresholds_kj)
     limits = limits_of_levels(preset)

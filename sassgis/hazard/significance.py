@@ -78,7 +78,7 @@ def beyond_sampling(one: SampledRates, two: SampledRates) -> NDArray[np.bool_]:
     57: 289-300) also holds for places that depend on each other as neighbours do, which the same
     blocks reach (Y. Benjamini and D. Yekutieli, 2001, Annals of Statistics 29: 1165-1188).
     """
-    # Only a comparison needs it, and it takes a fifth of a start.
+    # Only a comparison needs it; importing it takes a fifth of the time of a start.
     from scipy.stats import false_discovery_control
 
     p = chance_of_difference(one, two)

@@ -46,9 +46,9 @@ def onset_frequencies(
 ) -> dict[tuple[str, str], float]:
     """Return blocks released per year, by release area and block scenario.
 
-    ``onsets`` are by scenario; those of single sources from a table, if there is one, go before
-    them. Raises ConfigError for a scenario that is released somewhere without a frequency,
-    InputError for a unit that does not go with the shape of an area.
+    ``onsets`` are by scenario; those of single sources from a table take precedence. Raises
+    ConfigError for a scenario that is released somewhere without a frequency, InputError for a unit
+    that does not fit the shape of an area.
     """
     annual = {}
     for area in areas:
@@ -180,7 +180,7 @@ _PAIRS = 1e8
 def stated_angles(angles_deg: FloatArray) -> FloatArray:
     """Return the angles above which 99, 95 and 50 % of the blocks stop; empty without stops."""
     known = angles_deg[np.isfinite(angles_deg)]
-    # The smallest of all is that of some block that has hardly moved.
+    # The smallest angle is often that of a block that has hardly moved.
     return np.quantile(known, ANGLE_SHARES) if known.size else np.empty(0)
 
 

@@ -26,10 +26,10 @@ from scipy.special import lambertw
 from sassgis.errors import InputError
 from sassgis.grid import FloatArray
 
-#: Half of the 95 % quantile of chi-square with one degree of freedom: what the log-likelihood may
-#: fall short of its maximum.
+#: Largest drop of the log-likelihood below its maximum: half of the 95 % quantile of chi-square
+#: with one degree of freedom.
 _ALLOWED = 0.5 * 3.841459
-#: Exponents that are looked at.
+#: Range in which exponents are searched.
 _EXPONENTS = (1e-3, 50.0)
 _LEAST_BLOCKS = 5
 #: Below it another volume of completeness has too few blocks to be compared.
@@ -51,12 +51,12 @@ class BlockSurvey:
 
     @property
     def is_list(self) -> bool:
-        """Whether each volume was measured."""
+        """Return whether each volume was measured."""
         return bool(np.array_equal(self.low, self.high))
 
     @property
     def blocks(self) -> int:
-        """All blocks."""
+        """Return the number of all blocks."""
         return int(self.count.sum())
 
     def complete(self, volume: float) -> BlockSurvey:
@@ -94,7 +94,7 @@ class PowerLaw:
 
     @property
     def span(self) -> float:
-        """Logarithm of the largest over the smallest volume."""
+        """Return the logarithm of the largest over the smallest volume."""
         return math.log(self.up_to / self.complete_from)
 
     def share(self, low: float, high: float, b: FloatArray | float) -> FloatArray:

@@ -96,7 +96,7 @@ _FEW = 1e-3
 
 
 class SetUp(Phrase):
-    """A warning that describes the set-up: what was put in, and not a map that may be wrong."""
+    """A warning that describes the set-up and does not mean that a map is wrong."""
 
 
 #: Warnings at the top of a page.
@@ -104,7 +104,7 @@ _FIRST = 5
 
 
 def first_warnings(warnings: Sequence[str]) -> tuple[str, ...]:
-    """Choose the few warnings for the top of a page: about what may make a result wrong."""
+    """Choose the few warnings for the top of a page: those that may make a result wrong."""
     return tuple(text for text in warnings if not isinstance(text, SetUp))[:_FIRST]
 
 

@@ -67,7 +67,7 @@ class SourceSums:
         if self._places.size > self._count.shape[0]:
             room = max(self._places.size, int(1.5 * self._count.shape[0]))
             for name in ("_count", "_square"):
-                # Of zeros that nobody has written to no memory is taken.
+                # Zeros that nobody has written to take no memory.
                 larger = np.zeros((room, self.n_energies), np.int64)
                 larger[:used] = getattr(self, name)[:used]
                 setattr(self, name, larger)
@@ -123,7 +123,7 @@ class ChunkResult:
     """Result of one chunk."""
 
     area: int  # position of its release area
-    # Shape (n,); release points of which it has a repetition each; some may be there several times.
+    # Shape (n,); release point of each repetition; a point may occur several times.
     points: IntArray
     weight: int  # how many times each of its blocks counts
     sums: dict[int, Simulated]  # by the position of the block scenario in ``blocks``
@@ -139,7 +139,7 @@ def as_stations(lines: Sequence[ControlLine]) -> tuple[ControlLine, ...]:
 
 @dataclass
 class WithoutBarriers:
-    """Sums of the blocks of a source as if there were no barriers."""
+    """Sums of the blocks of a source without barriers."""
 
     # By how much counts exceed those with barriers.
     cells: SourceSums
@@ -213,7 +213,7 @@ class SourceTally:
         self.heaviest = max(self.heaviest, weight)
 
     def without_barriers(self) -> SourceTally:
-        """Return the sums of the same blocks without barriers; its own where they are the same."""
+        """Return the sums of the same blocks without barriers; these sums if they are the same."""
         if self.without is None:
             return self
         return replace(
@@ -251,34 +251,34 @@ class Progress:
     stop_share: float = 1.0  # of all blocks that they are
     rounds: tuple[Round, ...] = (Round(),)  # what the chunks are of
     seconds: float = 0.0  # for which blocks have been simulated
-    worth: Worth | None = None  # by which the present repetition shows where more blocks would help
-    # Shape (n_points, n_scenarios); the worth of what the blocks of a repetition leave open, summed
-    # over those of the repetition.
+    worth: Worth | None = None  # of places, for which the present repetition fills ``scores``
+    # Shape (n_points, n_scenarios); uncertainty that the blocks of the repetition leave, weighted
+    # by the worth of the places.
     scores: FloatArray = field(default_factory=lambda: np.zeros((0, 0)))
     # After each repetition: blocks that were simulated, and the share of the zoned area whose level
     # another sample would change.
     history: list[tuple[int, float]] = field(default_factory=list)
-    # Sums of the release areas apart, by position; what they hold is not in the sums here until
-    # they are joined, but for the sources. None where they are not wanted apart.
+    # Separate sums of the release areas, by position. Except for the sources, they are added to the
+    # sums here by join_parts. None if they are not wanted.
     parts: dict[int, Progress] | None = None
-    # Of an earlier result: areas of which all blocks of so many of the first rounds are there.
+    # Areas whose blocks of so many first repetitions are taken from an earlier result.
     reused: tuple[int, ...] = ()
     reused_rounds: int = 0
 
     @property
     def compared(self) -> bool:
-        """Whether there are sums of the same blocks without barriers."""
+        """Return whether there are sums of the same blocks without barriers."""
         return any(tally.without is not None for tally in self.sources.values())
 
     @property
     def lost_share(self) -> float:
-        """Share of the blocks that started which left the terrain model, or their fall line."""
+        """Return the share of started blocks that left the terrain model or their fall line."""
         started = int(self.reasons.sum() - self.reasons[StopReason.NEVER_STARTED])
         return float(self.reasons[StopReason.LEFT_PROFILE]) / max(started, 1)
 
     @property
     def started_runout(self) -> IntArray:
-        """Blocks that started, by run-out in whole metres, with their weights."""
+        """Return blocks that started, by run-out in whole metres, with their weights."""
         counts: IntArray = np.delete(self.runout, StopReason.NEVER_STARTED, axis=0).sum(axis=0)
         return counts
 
@@ -374,7 +374,7 @@ def join_parts(progress: Progress, run: MapRun) -> None:
 
 
 def add_blocks(total: Progress, own: Progress, first_point: int = 0) -> None:
-    """Add what became of the blocks of an area, whose release points begin at ``first_point``."""
+    """Add the outcome of the blocks of an area; its release points begin at ``first_point``."""
     total.reasons += own.reasons
     total.simulated += own.simulated
     total.lost += own.lost
@@ -391,7 +391,7 @@ def add_blocks(total: Progress, own: Progress, first_point: int = 0) -> None:
 
 
 def _keep_stops(progress: Progress, rows: BlockRows, run: MapRun, most: float) -> None:
-    """Keep a share of the blocks, at most so large, and less where they become too many."""
+    """Keep at most this share of the blocks, less where they become too many."""
     _keep_fewer(progress, run.seed, most)
     progress.stops.append(evenly_kept(rows, run.seed, progress.stop_share))
     while sum(own.rocks.size for own in progress.stops) > 2 * run.stop_points_max:
@@ -406,7 +406,7 @@ def _keep_fewer(progress: Progress, seed: int, share: float) -> None:
 
 
 def _furthest(rows: BlockRows) -> tuple[float, int, int, int]:
-    """Return longest run-out and whose it is; the first in the order of the run among equals."""
+    """Return the longest run-out and its block; among equals the first in the order of the run."""
     rows = _rocks_alone(rows, rows.rocks["piece"] == 0)
     reach = rows.rocks["runout_m"]
     line, rock, scenario = rows.rocks["line"], rows.rocks["rock"], rows.rock_scenario

@@ -118,7 +118,7 @@ class Checkpoint:
 
     @property
     def kept(self) -> str:
-        """In words: what becomes of what was computed when the user stops the run."""
+        """State in words what is kept when the user stops the run."""
         if self.folder is None:
             return ""
         kept = f"what was computed is kept in {self.folder}"

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from distributed import Client
     from distributed import Future as ClusterFuture
 
-#: Tasks handed out at a time, by process: enough that none waits, few enough for their results.
+#: Tasks per process at a time: enough that none waits, few enough to hold their results.
 _AHEAD = 3
 _CONNECT_S = 30.0
 
@@ -28,9 +28,9 @@ _CONNECT_S = 30.0
 class Cluster:
     """Workers on a dask cluster.
 
-    A worker that is lost costs time only: what it had at work is done again elsewhere, and what is
-    common to the tasks is kept by the scheduler. One with another version of the program is refused
-    when it is given a task.
+    A lost worker costs time only: its tasks are done again elsewhere, and the scheduler keeps the
+    data common to the tasks. One with another version of the program is refused when it is given a
+    task.
     """
 
     def __init__(self, client: Client) -> None:
@@ -39,7 +39,7 @@ class Cluster:
         self._sent: tuple[Any, ClusterFuture] | None = None
 
     def in_order(self, work: Work, common: Any, tasks: Iterable[Any]) -> Generator[Any, None, None]:
-        """Return results in the order of the tasks, as ``Workers`` says.
+        """Return results in the order of the tasks, as Workers.in_order.
 
         InputError: a worker has another version of the program. OutputError: the cluster is lost,
         or a task ends every process that it is given to.
@@ -58,7 +58,7 @@ class Cluster:
             while waiting:
                 yield self._result(waiting.popleft())
         finally:
-            # Of a cluster that is lost there is nothing to give up.
+            # A lost cluster has no tasks to cancel.
             with suppress(Exception):
                 self._client.cancel(list(waiting))
 
@@ -102,7 +102,7 @@ def _other_version(who: str, found: str, expected: str) -> InputError:
 
 @contextmanager
 def _cluster_errors() -> Iterator[None]:
-    """Turn what goes wrong with the cluster, whatever the work, into an error of one line."""
+    """Turn errors of the cluster, whatever the work, into one line."""
     from distributed import KilledWorker
 
     try:
@@ -135,7 +135,7 @@ def cluster(scheduler: str) -> Iterator[Cluster]:
         expected = "pip install 'sassgis[cluster]'"
         raise InputError("needs dask", field="--scheduler", expected=expected) from None
     if logging.getLogger().level > logging.DEBUG:
-        # What goes wrong with the cluster is said in one line, not in the tracebacks of its log.
+        # Errors of the cluster are reported in one line, without the tracebacks of its log.
         for name in ("distributed", "distributed.client", "tornado.application"):
             logging.getLogger(name).setLevel(logging.CRITICAL)
     try:
@@ -147,7 +147,7 @@ def cluster(scheduler: str) -> Iterator[Cluster]:
             expected='the address of a dask scheduler, such as "tcp://node:8786"',
         ) from None  # fmt: skip
     with client:
-        # What every task would raise is raised at once.
+        # An error that every task would raise is raised at once.
         try:
             found: dict[str, str] = client.run(_version)
         except (ImportError, AttributeError):

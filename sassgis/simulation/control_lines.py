@@ -18,12 +18,12 @@ from sassgis.simulation.map_sums import quantiles
 _ENERGY = ("kJ", np.concatenate([[0.0], 30.0 * 10.0 ** (np.arange(-160, 241) / 40.0)]))
 #: Parts of a unit to which sums are exact.
 _PARTS = 1_000_000
-#: Energy with which a block goes on behind the line; 0 where a barrier takes it.
+#: Energy of a block behind the line; 0 where a barrier stops it.
 BEHIND = "energy_behind_kj"
 #: Energy of a block that meets a wall or net, or of its motion into the roof of a gallery; the
 #: force on that roof; energy of a block that goes over the top, or over the whole gallery. Else 0.
 LOAD, FORCE, OVER = "load_kj", "force_kn", "energy_over_kj"
-#: Quantities of a passage: unit, and edges of their bins. Beyond the last edge counts in the last.
+#: Quantities of a passage: unit, and edges of their bins. Larger values count in the last bin.
 QUANTITIES: dict[str, tuple[str, FloatArray]] = {
     "speed_mps": ("m/s", np.arange(0.0, 150.25, 0.25)),
     "rotation_hz": ("Hz", np.arange(0.0, 40.1, 0.1)),
@@ -49,8 +49,8 @@ class Distribution:
     smallest: float
     largest: float
     histogram: Histogram
-    # Shape (n_bins,); of what was drawn, blocks or release points with their blocks, the sum of the
-    # squares of how many blocks of each lie in a bin of the histogram or beyond.
+    # Shape (n_bins,); for each unit drawn (a block, or a release point with its blocks) the square
+    # of its number of blocks in a bin of the histogram or beyond, summed.
     squares: IntArray
 
     def quantile(self, *probabilities: float) -> tuple[float, ...]:
@@ -77,11 +77,11 @@ class ControlLineSums:
         self._of: dict[str, dict[str, NDArray[Any]]] = {
             q: {
                 "counts": np.zeros((n, edges.size - 1), np.int64),
-                # As of Distribution.
+                # As for Distribution.
                 "squares": np.zeros((n, edges.size - 1), np.int64),
                 # Sums of whole units and of millionths beyond them: whole numbers, so that the
-                # order of adding does not matter, and apart, as millionths of many large blocks
-                # are too many.
+                # order of adding does not matter. They are kept apart because millionths of many
+                # large blocks would overflow.
                 "sum": np.zeros((2, n), np.int64),
                 "least": np.full(n, np.inf),
                 "most": np.full(n, -np.inf),
@@ -219,7 +219,7 @@ _ON_BARRIER = (Outcome.STOPPED, Outcome.HELD_BY_NET, Outcome.BROKE_THROUGH)
 def energy_behind(
     energy_kj: FloatArray, outcome: NDArray[np.uint8], capacity_kj: FloatArray
 ) -> FloatArray:
-    """Return energy with which blocks go on behind a line (kJ): 0 of those that a barrier takes."""
+    """Return the energy of blocks behind a line (kJ): 0 for those that a barrier stops."""
     taken = np.isin(outcome, (Outcome.STOPPED, Outcome.HELD_BY_NET))
     lost = np.where(outcome == Outcome.BROKE_THROUGH, capacity_kj, 0.0)
     behind: FloatArray = np.where(taken, 0.0, np.maximum(energy_kj - lost, 0.0))
@@ -262,12 +262,12 @@ BARRIER_OUTCOMES = (
 
 #: Blocks of single sources at the same lines, and how much each of their blocks counts.
 LineParts = Sequence[tuple[float, ControlLineSums]]
-#: What weights are rounded to: a share of all, small beside the sampling error.
+#: Weights are rounded to this share of all, which is small compared with the sampling error.
 _WHOLE = 2.0**50
 
 
 def weighted_distribution(parts: LineParts, line: int, quantity: str) -> Distribution:
-    """Return the distribution of blocks that count by weights; its squares are those of none."""
+    """Return the distribution of weighted blocks, without squares."""
     found = [(weight, sums.distribution(line, quantity)) for weight, sums in parts]
     found = [(weight, own) for weight, own in found if own.count and weight > 0.0]
     unit, edges = QUANTITIES[quantity]

@@ -20,15 +20,15 @@ from sassgis.simulation.loop import CHUNK_POINTS
 from sassgis.simulation.path_sample import STRETCH_M
 from sassgis.terrain.release import points_expected
 
-# Rough numbers of ours, to be compared with benchmarks/memory.py; the rates: docs/studies/speed.md.
-#: Bytes of the program itself, of a cell with all that is made of it, and of a release point.
+# Rough numbers; compare benchmarks/memory.py and, for the rates, docs/studies/speed.md.
+#: Bytes of the program, of a cell with all its maps, and of a release point.
 BASE, _PER_CELL, _PER_POINT = 900 << 20, 100, 1500
-#: Copies of the row of a block, and bytes of a stop that is kept with what is written of it.
+#: Copies of the row of a block, and bytes of a stop that is kept and written.
 _ROWS, _PER_STOP = 3, 1000
 #: Blocks simulated in a second on one core, on followed paths and on fall lines.
 RATES = {True: 8500, False: 21_000}
-#: Those of zones, which count the blocks of a window around each cell, and seconds for zones, maps
-#: and figures, in all and of a cell: the sample valley.
+#: Rate of `zone`, which counts the blocks of a window around each cell; seconds for zones, maps and
+#: figures, in all and per cell: the sample valley.
 _ZONE_RATE, _DRAWING_S, _DRAWING_PER_CELL_S = 1400, 5.0, 1e-4
 #: Bytes of a cell in a band of a map.
 _IN_MAP = 4
@@ -48,8 +48,8 @@ class RunEstimate:
     cores: int
     seconds: float  # for blocks as on the slope of docs/studies/speed.md
     map_bytes: int  # of the maps of the blocks, not compressed
-    more: int  # how many times as many blocks a zoning may take
-    # Least and most seconds of `zone`, with the drawing; None where it is not complete for one.
+    more: int  # largest factor on the blocks of a zoning
+    # Least and most seconds of `zone`, with the drawing; None without the settings for it.
     zone_seconds: tuple[float, float] | None = None
 
     def as_dict(self) -> dict[str, Any]:
@@ -106,7 +106,7 @@ def estimate_of(run: MapRun, jobs: int, points: int | None = None, more: int = 1
     Without ``points`` it has about as many release points as there will be; ``more`` as in
     RunEstimate.
     """
-    # Far more than there can be, and still a whole number.
+    # Above any possible number, and still a whole number.
     expected = [min(points_expected(a.geometry, run.release.spacing_m), 1e30) for a in run.areas]
     scenarios = [len(area.scenarios) for area in run.areas]
     each = run.release.rocks_per_point

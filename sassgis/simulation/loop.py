@@ -127,8 +127,8 @@ def check_starts(
 ) -> None:
     """Raise InputError where no block can start: an empty map would read as "no hazard".
 
-    The plan is asked for only where blocks keep to lines, which are traced to find one. The file of
-    the release areas is for the message.
+    The plan is made only where blocks keep to lines: lines are traced until one is found. The file
+    of the release areas is named in the message.
     """
     if run.followed:
         can = bool(on_known_ground(run, points).any())
@@ -180,7 +180,7 @@ def _to_add(result: Simulated) -> Simulated:
     """Return what is added up: where windows are counted, not the counts of the cells as well."""
     if not result.windows.size:
         return result
-    # Copies: what waits to be added up holds no rows of what is left out.
+    # Copies: a result that waits must not keep the omitted rows in memory.
     kept = {name: own.copy() for name, own in result.kept.items() if name in SUM_NAMES}
     return replace(result, kept=kept)
 
@@ -274,7 +274,7 @@ def simulate_map(
     on_chunk: Callable[[Progress, int, BlockRows], None] | None = None,
     chunk_points: int = CHUNK_POINTS,
 ) -> Progress:
-    """Simulate all blocks of a plan of the run, with so many threads or who works instead.
+    """Simulate all blocks of a plan of the run, with so many threads or other workers.
 
     TerrainTooSmall: a followed path looks into the rim of the grid.
 

@@ -1,4 +1,4 @@
-"""Sums per cell of the map, what is read from them, and how well a sample of blocks knows it.
+"""Sums per cell of the map, values read from them, and their sampling error.
 
 Every block enters a cell's statistics once, with the largest energy, passing height and speed that
 it had there and the time at which it first entered. All sums are whole numbers and extremes, so
@@ -70,7 +70,7 @@ def blocks_of_a_point(count: IntArray, square: IntArray) -> FloatArray:
 
 
 def widening(freedom: FloatArray | float, tail: float) -> FloatArray | float:
-    """Return by how much a variance with some degrees of freedom counts more than a known one.
+    """Return the factor by which a variance of few degrees of freedom exceeds a known one.
 
     The square of a quantile of Student's t over that of the normal distribution; ``tail`` is the
     probability beyond it. 1 at infinity.
@@ -159,11 +159,10 @@ def _gamma_quantile(
     return out
 
 
-#: Rows that are worked on at a time: they stay in the processor's cache, and no memory is asked of
-#: the system for them.
+#: Rows that are processed at a time: they stay in the processor's cache and need no new memory.
 _ROWS = 2048
-# Bytes up to which there is room for all cells at once: nothing has to be moved as more of them are
-# reached, and of zeros that nobody has written to no memory is taken.
+# Bytes up to which there is room for all cells at once: nothing is moved as more cells are reached,
+# and zeros that nobody has written to take no memory.
 _ROOM_AT_ONCE = 2**30
 #: Type of the bins of a histogram as long as no cell has more blocks than it can count.
 _FEW = np.uint16
@@ -180,7 +179,7 @@ class MapSums:
 
     @property
     def cells(self) -> IntArray:
-        """Flat indices of the cells with sums, in the order of their first block."""
+        """Return flat indices of the cells with sums, in the order of their first block."""
         return self._cells[: self._used]
 
     def column(self, name: str) -> NDArray[Any]:
@@ -222,7 +221,7 @@ class MapSums:
             visits.add_to(tuple(self._sums[name] for name in n_bins or ()), row, weight)
 
     def _widen_for(self, rows: IntArray, more: NDArray[Any]) -> None:
-        """Let the bins count further where more blocks come to rows than they have room for."""
+        """Widen the type of the bins where rows have more blocks than it can count."""
         most = (self._sums["reach"][rows] + more).max(initial=0)
         for kept in sums_by("histogram"):
             own = self._sums[kept.name]
@@ -263,7 +262,7 @@ class MapSums:
 
 
 def _enlarged(array: NDArray[Any], room: int, empty: float) -> NDArray[Any]:
-    # Of zeros that nobody has written to no memory is taken.
+    # Zeros that nobody has written to take no memory.
     out = np.zeros((room, *array.shape[1:]), array.dtype)
     out[: array.shape[0]] = array
     if empty != 0:
@@ -322,7 +321,7 @@ def quantiles(
         some = np.flatnonzero(below[:, -1] > 0)
         below, rows = below[some], first + some
         total = below[:, -1]
-        # All rows as one that rises: each begins where nothing of the one before it reaches.
+        # All rows as one rising sequence: each begins above the largest value of the one before.
         start = np.arange(rows.size) * (total.max(initial=0) + 1)
         rising = (below + start[:, None]).ravel()
         for i, p in enumerate(probabilities):

@@ -165,7 +165,7 @@ def paths_on_line(
 ) -> LinePaths | None:
     """Return paths of blocks on one line of a run, in the repetition of one of them.
 
-    Where paths are followed only that of the one block. None if it is too short for a profile.
+    With followed paths only that of the block itself. None if it is too short for a profile.
     Line, scenario and rock are numbers as in Progress.furthest.
     """
     which = np.array([line])
@@ -249,7 +249,7 @@ def _on_lines_again(
 
 def _in_plan(grid: Grid, log: NDArray[np.void]) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Return chainage and coordinates of a path that was followed, where its block moves on (m)."""
-    # A block that slides back a little does so on its path.
+    # A block that slides back a little stays on its path.
     ahead = np.flatnonzero(np.diff(log["x_m"], prepend=-np.inf) > 0.0)
     return (
         log["x_m"][ahead],
@@ -261,8 +261,8 @@ def _in_plan(grid: Grid, log: NDArray[np.void]) -> tuple[FloatArray, FloatArray,
 def sample_paths(run: MapRun, planned: Plan, most: int) -> tuple[BlockPath, ...]:
     """Return paths of the first blocks of release points evenly over the plan, at most so many.
 
-    They are blocks of the run, of its first repetition, simulated again. Of each point and scenario
-    there are several only where all points have one. Those that never start are left out.
+    They are blocks of the run, of its first repetition, simulated again. A point and scenario has
+    several only if all points have one. Blocks that never start are left out.
     """
     each = max([1, *map(len, planned.scenarios)])
     which = _even_points(run, planned, most // each)
@@ -271,7 +271,7 @@ def sample_paths(run: MapRun, planned: Plan, most: int) -> tuple[BlockPath, ...]
     paths: list[BlockPath] = []
     for number in np.unique(area).tolist():
         own = which[area == number]
-        # Logs have room for many events: few at a time.
+        # Event logs need much memory: few blocks at a time.
         for first in range(0, rocks, _PATHS):
             numbers = range(first, min(first + _PATHS, rocks))
             step = _PATHS // len(numbers)

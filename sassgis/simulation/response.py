@@ -1,7 +1,6 @@
-"""How a result answers to a change: the same blocks once more, and what became of them.
+"""Response of a result to a change: the same blocks are simulated again and compared.
 
-So it is seen, for one, what flattening of the ground leaves open: by a sample of the blocks at half
-and at double the tolerance.
+Example: the error of flattening, by a sample of the blocks at half and at double the tolerance.
 """
 
 from __future__ import annotations
@@ -19,8 +18,8 @@ from sassgis.settings.statistics_table import Bins
 from sassgis.simulation.accumulators import Progress
 from sassgis.simulation.map_sums import MapSums, quantiles
 
-#: What is compared, with its name in sentences; not the reached area, which hangs on the number of
-#: blocks.
+#: Quantities that are compared, with names for sentences. The reached area is left out, because it
+#: depends on the number of blocks.
 MEASURES: Mapping[str, str] = {
     "runout_q50": "median run-out",
     "runout_q95": "run-out (95 %)",
@@ -44,7 +43,7 @@ class RunOutcome:
 
     @property
     def blocks(self) -> int:
-        """Blocks that started."""
+        """Return the number of blocks that started."""
         return int(self.runout.sum())
 
     def runout_m(self, *probabilities: float) -> FloatArray:
@@ -62,7 +61,7 @@ class RunOutcome:
 
 
 class RelativeChange(NamedTuple):
-    """A relative change; ``certain`` unless another sample of blocks might have made it."""
+    """A relative change; ``certain`` if sampling error does not explain it."""
 
     value: float
     certain: bool

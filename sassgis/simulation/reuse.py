@@ -1,8 +1,8 @@
 """Blocks of an earlier result in a run that differs from it in its stations and barriers only.
 
-A release area whose blocks came near no station or barrier that is another now, neither with
-barriers nor without them, has the same blocks in both: its sums are used as they are. The blocks of
-the other areas are simulated again.
+If no block of a release area came near a station or barrier that has changed, with barriers or
+without, the area has the same blocks in both runs: its sums are reused. The blocks of the other
+areas are simulated again.
 """
 
 from __future__ import annotations
@@ -26,9 +26,9 @@ from sassgis.simulation.checkpoint import progress_from, state_of
 from sassgis.simulation.control_lines import ControlLineSums
 from sassgis.terrain.fall_lines import points_on
 
-#: File of a result with the sums of its release areas.
+#: File in a result with the sums of its release areas.
 KEPT_NAME = "simulation.npz"
-#: Fields of a run that may be others: rounds are those of the earlier result.
+#: Fields of a run that may differ; the repetitions are those of the earlier result.
 _OTHERS = ("control_lines", "further_stations", "rounds")
 #: Keys of the configuration behind fields that have no name of a section.
 _KEYS = {
@@ -37,8 +37,8 @@ _KEYS = {
     "ref_width_m": "hazard.ref_width_m", "forest": "effects.trees",
     "ground_heights": "terrain.block_scale_m",
 }  # fmt: skip
-#: Cells around those that blocks reach within which a line is near: where blocks pass between
-#: centres of cells, and what is rounded.
+#: A line within so many cells of reached ones is near: blocks pass between cell centres, and places
+#: are rounded.
 _NEAR_CELLS = 2
 
 
@@ -66,7 +66,7 @@ def _digests(run: MapRun) -> dict[str, str]:
 def begun_with(file: Path, run: MapRun) -> Progress:
     """Return the progress with which a run begins that has some areas of an earlier result.
 
-    InputError: there is none, or more than its stations and barriers differs.
+    InputError: there is no such result, or more differs than stations and barriers.
     """
     said: list[str] = []
     state = read_saved(file, "", said.append)
@@ -126,7 +126,7 @@ def _come_near(grid: Grid, part: Progress, traces: Sequence[FloatArray]) -> bool
 
 
 def _with_lines(part: Progress, run: MapRun, moved: IntArray) -> None:
-    """Put the counts of an area at the lines of a run; ``moved`` is where each line is now."""
+    """Assign the counts of an area to the lines of a run; ``moved``: present position of each."""
     lines = tuple(line for line, _ in run.all_lines)
     met = lines[: run.compared]
     n = len(part.control_lines.control_lines)

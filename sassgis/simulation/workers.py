@@ -1,7 +1,6 @@
-"""Who works on the parts of a job: threads or processes of this machine, or a cluster.
+"""Workers for the parts of a job: threads or processes of this machine, or a cluster.
 
-Whoever it is, results come in the order of the parts, so that they are added up in the same order
-and the same bytes come out.
+With each of them results come in the order of the parts, so that sums are the same to the byte.
 """
 
 from __future__ import annotations
@@ -37,11 +36,11 @@ _THREADS = (
     "VECLIB_MAXIMUM_THREADS",
     "GDAL_NUM_THREADS",
 )
-#: What Ctrl-C sends, and a terminal that is closed (not on Windows).
+#: Signals of Ctrl-C and of a closed terminal (not on Windows).
 OF_TERMINALS = [getattr(signal, n) for n in ("SIGINT", "SIGHUP") if hasattr(signal, n)]
-#: Objects made since the last collection of those that nobody needs, at which there is another.
+#: Number of new objects at which Python collects unused ones.
 COLLECTED_EVERY = 100_000
-#: What a pipe raises that is closed, or ends within a message.
+#: Errors of a pipe that is closed, or ends within a message.
 _BROKEN = (OSError, EOFError, pickle.UnpicklingError)
 #: Seconds that a process may take to end after it has closed its pipes.
 _ENDING_S = 10.0
@@ -99,7 +98,7 @@ class WorkerProcess:
         """Wait for the end of the process; its exit code."""
         for pipe in (self._popen.stdin, self._popen.stdout):
             assert pipe is not None
-            # What remains to be sent has nobody to go to.
+            # Unsent data have no receiver.
             with suppress(OSError):
                 pipe.close()
         return self._popen.wait()
@@ -112,14 +111,14 @@ def _send(pipe: IO[bytes], message: bytes) -> None:
 
 def serve() -> None:
     """Work on what comes by standard input in a worker process, and end where that ends."""
-    # They reach all processes of a terminal; the first one sees to the others.
+    # Signals reach all processes of a terminal; the first one ends the others.
     for number in OF_TERMINALS:
         signal.signal(number, signal.SIG_IGN)
     gc.set_threshold(COLLECTED_EVERY)
     give_back_arrays()
     logging.basicConfig(level=logging.ERROR, format="%(message)s")
     calls, answers = os.fdopen(os.dup(0), "rb"), os.fdopen(os.dup(1), "wb")
-    # What a library reads is no call, and what it prints is no answer.
+    # Libraries must not read the calls or print among the answers.
     os.dup2(os.open(os.devnull, os.O_RDONLY), 0)
     os.dup2(2, 1)
     came: SimpleQueue[bytes] = SimpleQueue()
@@ -133,7 +132,7 @@ def serve() -> None:
 
 
 def _listen(calls: IO[bytes], came: SimpleQueue[bytes]) -> None:
-    """Hand on what comes; a parent that is killed says no more than that nothing comes."""
+    """Hand on what comes; when the parent is killed, input ends without a message."""
     with suppress(*_BROKEN):
         while True:
             came.put(pickle.load(calls))
@@ -162,7 +161,7 @@ _LOST_MOST = 3
 
 @contextmanager
 def held_back() -> Iterator[None]:
-    """Let signals that end the command wait for the block, so that nothing is half added or saved.
+    """Delay signals that end the command until the block ends, so that nothing is half saved.
 
     KeyboardInterrupt comes after the block, if the user asked for it within.
     """
@@ -171,7 +170,7 @@ def held_back() -> Iterator[None]:
         yield
         return
     found = {number: signal.getsignal(number) for number in (*OF_TERMINALS, signal.SIGTERM)}
-    # One that is ignored, or ends the process, raises nothing that could be held back.
+    # A signal that is ignored, or ends the process, raises nothing to hold back.
     before = {number: handler for number, handler in found.items() if callable(handler)}
     asked = False
 
@@ -229,7 +228,7 @@ class Workers(Protocol):
 
 #: Called with (parts done, parts in all, blocks or rocks done).
 OnProgress = Callable[[int, int, int], None]
-#: Number of threads or processes; None: as configured, 0: all cores; or who works instead.
+#: Number of threads or processes; None: as configured, 0: all cores; or the workers.
 Jobs = int | Workers | None
 #: Results of some work, in the order of the tasks.
 TaskMap = Callable[[Work, Sequence[Any]], Iterator[Any]]
@@ -246,7 +245,7 @@ class Threads:
     count: int
 
     def in_order(self, work: Work, common: Any, tasks: Iterable[Any]) -> Generator[Any, None, None]:
-        """Return results in the order of the tasks, as ``Workers`` says."""
+        """Return results in the order of the tasks, as Workers.in_order."""
         with ThreadPoolExecutor(self.count) as pool:
             # One result more than there are threads: each of them takes memory while it waits.
             yield from _in_order(pool, partial(work, common), tasks, self.count)
@@ -255,9 +254,8 @@ class Threads:
 class Processes:
     """Processes of this machine, which live as long as the ``with`` block.
 
-    One that is lost, at any moment, costs time only: what it had at work is done again in another
-    one. A task may therefore be begun more than once. One that is stopped is waited for. At the
-    end of the block all are ended, whatever they have at work.
+    A lost process costs time only: its task is done again in another one, so a task may begin more
+    than once. A stopped process is waited for. At the end of the block all are ended, also at work.
 
     ``ahead`` results of each may wait. Tasks differ: while the first is at work others are done.
     """
@@ -286,7 +284,7 @@ class Processes:
                 process.ended()
 
     def in_order(self, work: Work, common: Any, tasks: Iterable[Any]) -> Generator[Any, None, None]:
-        """Return results in the order of the tasks, as ``Workers`` says.
+        """Return results in the order of the tasks, as Workers.in_order.
 
         OutputError: one process after another is lost at the same task, or none can be started.
         """
@@ -355,8 +353,8 @@ def beside(
 ) -> Iterator[Callable[[], R]]:
     """Run a function in a thread next to the ``with`` block; yield what waits for its result.
 
-    It works in the language of the caller. ``given_up`` shows it when the block has failed or was
-    stopped, so that nobody waits for all of it.
+    It runs in the language of the caller. ``given_up`` tells it that the block failed or was
+    stopped, so that it need not finish.
     """
     stop, context = threading.Event(), copy_context()
     context.run(given_up.set, stop)

@@ -40,7 +40,7 @@ class AirDrag(EffectSection):
 
 
 CONSTANT, SPHERICITY = 1, 2
-#: Longest flight between two turns of drag (s): halving it moves nothing that matters.
+#: Longest flight between two steps of drag (s): halving it changes no result noticeably.
 DRAG_STEP_S = 0.05
 
 AirDragNumbers, prepare = kernel_form(

@@ -43,7 +43,7 @@ def kernel_form(
         return plain[key](given or 0)
 
     def prepare(settings: Kind | None) -> Numbers:
-        """Turn the settings into what the kernel reads; None: the effect is off."""
+        """Convert the settings to the form of the kernel; None: the effect is off."""
         on = settings is not None and not neutral(settings)
         given = {key: getattr(settings, key) if on else None for key in keys}
         numbers = {key: number(key, own) for key, own in given.items()}

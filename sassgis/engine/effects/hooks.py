@@ -1,8 +1,8 @@
-"""Where effects act on the motion: the only file that the motion calls, and that names them all.
+"""Where effects act on the motion: the only file that the motion calls and that names all effects.
 
 Each hook is given all effects, or None for the model of 1986 only; numba then leaves out what the
-hook does. The motion is so compiled twice at most: without effects, and with all of them behind
-their forms. What an effect does stands in a separate file.
+hook does. So the motion is compiled at most twice: without effects, and with all of them behind
+their forms. Each effect is defined in a separate file.
 """
 
 from __future__ import annotations
@@ -145,7 +145,7 @@ def before_flight(
 ) -> float:
     """Return the longest time (s) that the step of flight that begins may take.
 
-    Half of what acts all the time acts before the step and the rest after it: second order.
+    Continuous forces act half before the step and half after it: second order.
     """
     limit = longest
     if effects is not None:
@@ -173,7 +173,7 @@ def before_flight(
 
 @inlined
 def _brake(effects: Effects, state: Record, block: Block, time: float) -> float:
-    """Let what acts all the time act on a block in flight; returns the share left by trees."""
+    """Apply continuous forces to a block in flight; return the share left by trees."""
     vx, vz = air_drag.slowed(state.resistance, state.vx, state.vz, time)
     kept = trees.left_by_viscous(effects.stand, state.stems, block.mass, time)
     state.vx = vx * kept
@@ -201,7 +201,7 @@ def after_flight(
             state.vx *= kept
             state.vz *= kept
         goes_on = state.cut and not arrived
-        # Outside of what is taken back above: the wind gives energy.
+        # Not limited above, because the wind adds energy.
         if effects.push.form != OFF:
             wind.push_after(effects.push, state, limit, until, goes_on)
         if effects.stand.form != OFF:

@@ -61,7 +61,7 @@ LateralDeflectionNumbers, prepare = kernel_form(
 
 @lean
 def on_path(deflection: Numbers, state: Record, key: np.uint64) -> None:
-    """Begin the first hop of a path, or let the block drift as it will all along."""
+    """Begin the first hop of a path, or set the drift of the block for the whole path."""
     if deflection.form == KICKS:
         state.hops = 0
         state.hop_end = state.x - deflection.hop_m * math.log(rng.uniform(key, rng.HOP, 0))

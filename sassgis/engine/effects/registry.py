@@ -39,12 +39,12 @@ class Effect:
 
     @property
     def name(self) -> str:
-        """The name, as in ``[effects.<name>]``."""
+        """Return the name, as in ``[effects.<name>]``."""
         return self.settings.name
 
     @property
     def keys(self) -> Mapping[str, Declared]:
-        """All declared settings of the section ``[effects.<name>]``."""
+        """Return all declared settings of the section ``[effects.<name>]``."""
         place = {} if self.place is None else declared(self.place)
         return {**place, **declared(self.settings)}
 

@@ -50,7 +50,7 @@ def tilt(rough: Numbers, key: np.uint64, number: int, radius: float) -> float:
     u = rng.uniform(key, rng.TILT, number)
     if rough.form == UNIFORM:
         return (2.0 * u - 1.0) * math.atan(rough.obstacle_m / radius)
-    # A block that is wider than the wave touches only its crests.
+    # A block wider than the wave touches only its crests.
     bridged = min(rough.wavelength_m / (2.0 * radius), 1.0)
     steepest = math.pi * rough.obstacle_m / rough.wavelength_m
     return math.atan(bridged * steepest * math.cos(2.0 * math.pi * u))
@@ -63,7 +63,7 @@ def tilted(
 ) -> tuple[float, float]:  # fmt: skip
     """Tilt the ground's normal to that of the surface met by an impact with velocity (vx, vz).
 
-    Not where the tilted surface would stand on its head or face away.
+    Not where the tilted surface would be overturned or face away.
     """
     turn = tilt(rough, key, number, radius)
     # A positive tilt faces the block, from whichever side it comes.

@@ -18,7 +18,7 @@ def spawn(
     """Add a block ``size`` times as long as its parent, at a time since the release (s).
 
     ``aside`` (rad) is the angle in plan, positive to the right, between its path and the parent's,
-    for followed paths. One without room is counted only.
+    for followed paths. A block without room is only counted.
     """
     i = spawned.n[0]
     spawned.n[0] = i + 1

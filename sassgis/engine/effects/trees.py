@@ -67,19 +67,19 @@ class Trees(EffectSection):
 
     @property
     def takes_anything(self) -> bool:
-        """Whether a stand with these settings takes any energy."""
+        """Return whether a stand with these settings takes any energy."""
         if self.form == "viscous":
             return self.drag_kgps > _LEAST_DRAG_KGPS and self.height_m > 0.0
         return self.efficiency > 0.0 and self.height_m > 0.0
 
 
 STEMS, FULL_STEMS, VISCOUS = 1, 2, 3
-# A force that takes less slows no block within hours: the speed that it would lead to is no number.
+# A smaller force slows no block within hours, and its steady speed would overflow.
 _LEAST_DRAG_KGPS = 1e-6
 # Share of the speed that the viscous force takes in a step, and the shortest such step.
 _SHARE_PER_STEP = 0.1
 _SHORTEST_STEP_S = 0.005
-# Beyond it the square of a speed that is given back would be no number any more.
+# Beyond it the square of a restored speed would overflow.
 _LARGEST_EXPONENT = 300.0
 # A block within rounding of the height of the stems passes it in this time.
 _SHORTEST_CUT_S = 1e-6
@@ -111,7 +111,7 @@ TreesNumbers, _prepare = kernel_form(Trees, lambda own: not own.takes_anything)
 
 
 def prepare(settings: Trees | None, has_stems: bool) -> Numbers:
-    """Turn the settings into what the kernel reads; ``has_stems``: whether there is any forest."""
+    """Convert the settings to the form of the kernel; ``has_stems``: whether a forest is there."""
     stand = _prepare(settings if has_stems else None)
     if settings is None:
         return stand
@@ -169,7 +169,7 @@ def brakes(stand: Numbers, stems: float) -> bool:
 def left_by_viscous(stand: Numbers, stems: float, mass: float, time: float) -> float:
     """Return the share of the speed that the viscous forest leaves after a time.
 
-    For a negative time it is what gives the speed back; of one that is lost nothing comes back.
+    A negative time restores the speed; a speed of 0 is not restored.
     """
     if not brakes(stand, stems):
         return 1.0
@@ -208,7 +208,7 @@ def _after(rate: float, steady: float, speed: float, time: float) -> tuple[float
     closed = -math.expm1(-rate * time)
     after = speed + (steady - speed) * closed
     if closed < _HARDLY_CLOSED:
-        # The steady speed may be as large as you like: of its difference only rounding remains.
+        # The steady speed may be very large: its difference would be rounding only.
         return 0.5 * (speed + after) * time, after
     return steady * time + (speed - steady) * closed / rate, after
 
@@ -267,7 +267,7 @@ def time_to_height(
 def to_other_forest(stretches: CountedRows, i: int, x: float, direction: int) -> tuple[int, float]:
     """Find the stretch ahead of a block in a direction, and how far its forest goes on (m).
 
-    To the next vertex at most: there the height above the ground changes otherwise.
+    To the next vertex at most, where the height above the ground changes at another rate.
     """
     i, gap = to_cell_border(stretches, i, x, direction)
     here = stretches.rows[i]

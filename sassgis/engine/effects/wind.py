@@ -32,7 +32,7 @@ class Wind(EffectSection):
     ] = 0.4
 
 
-#: Longest flight between two pushes of the wind (s), each of which acts as one change of speed.
+#: Longest flight between two pushes of the wind (s); each push is one change of speed.
 WIND_STEP_S = 0.05
 
 #: What a block remembers of the wind.

@@ -39,7 +39,7 @@ class AppliedEdit:
 
     @property
     def changed(self) -> float:
-        """Least share of the area whose computed level is another one since; NaN if not known."""
+        """Return the least share of the area whose computed level has changed; NaN if unknown."""
         if not self.then:
             return float("nan")
         codes = {*self.now, *self.then}
@@ -47,7 +47,7 @@ class AppliedEdit:
 
     @property
     def has_changed(self) -> bool:
-        """Whether the computed level has changed by so much that a user is warned."""
+        """Return whether the computed level has changed by so much that a user is warned."""
         return self.changed >= max(CHANGED_MIN, BEYOND_CHANCE * self.by_chance)
 
 
@@ -90,7 +90,7 @@ def with_edits(
 ) -> tuple[Coverage, IntArray, tuple[AppliedEdit, ...]]:
     """Return zones with the edits of experts, later ones over earlier ones.
 
-    What an edit made another level is a separate zone. ``codes`` of the levels are from low to
+    A place whose level an edit changed is a separate zone. ``codes`` of the levels are from low to
     high. The second value is the edit that made each zone; -1 for none.
     """
     if not edits:
@@ -122,7 +122,7 @@ def with_edits(
 
 
 def _acts(edit: Edit, level: IntArray) -> Any:
-    """Find where an edit changes a level, or confirms it with its own."""
+    """Find where an edit changes or confirms a level."""
     if edit.limit == "at_least":
         return level < edit.level
     if edit.limit == "at_most":
@@ -131,7 +131,7 @@ def _acts(edit: Edit, level: IntArray) -> Any:
 
 
 def _shares(level: IntArray, area: FloatArray, codes: Sequence[str]) -> dict[str, float]:
-    """Return the share of an area by level, from high to low; without what rounds to nothing."""
+    """Return the share of an area by level, from high to low; omit what rounds to 0."""
     of_level = np.bincount(level, area, len(codes) + 1) / area.sum()
     names = [NO_LEVEL, *codes]
     order = range(len(codes), -1, -1)

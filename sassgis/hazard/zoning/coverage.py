@@ -32,7 +32,7 @@ def check_cells(cell_size: float) -> None:
 
 
 def cell_polygons(cells: BoolArray, grid: Grid) -> NDArray[Any]:
-    """Return regions of cells that hang together over sides, as they are: Polygons, shape (n,).
+    """Return regions of cells that share sides as Polygons, shape (n,).
 
     They are in the order of the first cell of each; shells run clockwise, holes the other way.
     Raises InputError if cells are not at least ten times the precision of the coordinates.
@@ -142,9 +142,9 @@ def classes_of(faces: NDArray[Any], stack: Sequence[Any]) -> IntArray:
 def without_threads(faces: NDArray[Any], classes: IntArray) -> IntArray:
     """Return classes of faces; one that is nowhere 0.2 m wide joins the next higher beside it.
 
-    Again and again, as several may lie side by side. What is no wider than the rounding of
-    coordinates joins the highest wider one that it borders, also a lower one; a thread that came to
-    a class only over such a bridge goes back to that of its neighbours.
+    This is repeated, as several may lie side by side. A face no wider than the rounding of
+    coordinates joins the highest wider face that it borders, also a lower one. A thread that got
+    its class only over such a face returns to the class of its neighbours.
     """
     out = classes.copy()
     threads = np.flatnonzero(_nowhere_wider(faces, _THREAD_M))

@@ -33,9 +33,9 @@ from sassgis.hazard.zoning.coverage import (
 from sassgis.hazard.zoning.growth import Ground
 from sassgis.settings.hazard_rules import Drawing
 
-#: Length of a part at least, and of the stretch in which a seam is looked for (cells).
+#: Least length of a part, and length of the stretch in which a seam is searched (cells).
 _LENGTH, _BAND = 800, 40
-#: Places for a seam that are looked at.
+#: Number of places that are tried for a seam.
 _CHOICES = 81
 _FAR = 1e9
 
@@ -96,7 +96,7 @@ def _seam(before: Stacks, after: Stacks, middle: float, half: float, axis: int) 
         place = shapely.bounds(pieces).reshape(-1, 4)[:, axis]
         nearest = np.abs(place[:, None] - at).argmin(axis=1)
         differ += np.bincount(nearest, shapely.length(pieces), at.size)
-    # Less than a centimetre is no difference.
+    # Less than a centimetre counts as no difference.
     return float(at[np.lexsort((np.abs(at - middle), np.round(differ, 2)))[0]])
 
 
@@ -139,7 +139,7 @@ _NOWHERE = shapely.Polygon()
 
 
 def _grown(area: Any, distance_m: float, chords: int = 6) -> Any:
-    """Return an area with all within a distance (each of several by itself), or without its rim."""
+    """Return an area grown by a distance (each of several by itself), or shrunk by it."""
     # Six chords to a quarter of a circle keep within a hundredth of the distance.
     if distance_m >= 0.0:
         return shapely.buffer(area, distance_m, quad_segs=chords)
@@ -149,9 +149,9 @@ def _grown(area: Any, distance_m: float, chords: int = 6) -> Any:
 
 
 def _simplified(area: Any, tolerance_m: float) -> Any:
-    """Return an area without vertices this near to the line (Douglas and Peucker 1973)."""
-    # Where lines cross for it, with the vertices that avert that: looking for these takes several
-    # times as long.
+    """Return an area without vertices nearer to the line than this (Douglas and Peucker 1973)."""
+    # Where simplified lines would cross, the vertices that prevent it are kept: finding them takes
+    # several times as long.
     found = shapely.simplify(area, tolerance_m, preserve_topology=False)
     return found if shapely.is_valid(found) else shapely.simplify(area, tolerance_m)
 
@@ -206,7 +206,7 @@ def _averaged(ring: Any, length_m: float) -> Any:
 def _narrow(
     areas: NDArray[Any], width_m: float, corner: float = _ACROSS
 ) -> tuple[NDArray[Any], IntArray]:
-    """Return parts of polygons into which no disk fits that is as wide, and the polygon of each."""
+    """Return the parts of polygons that are narrower than a disk, and the polygon of each."""
     # A part of exactly this width is not narrow.
     half = _FITS * width_m / 2.0
     # One by one, as they are: GEOS would look at each next to all others.
@@ -249,7 +249,7 @@ def _enlarged_part(part: Any, smallest_m2: float, known: Any, ground: Ground) ->
         cells = shapely.union_all([part, *cell_polygons(distance <= most, ground.grid)])
         return _on_terrain(_smooth(cells, size), known, [part])
 
-    # So that it still has that area when coordinates are rounded.
+    # It must still have that area after coordinates are rounded.
     enough = smallest_m2 + PRECISION_M * shapely.length(part)
     steps = np.unique(distance[np.isfinite(distance)]).tolist()
     first = bisect_left(range(len(steps) - 1), enough, key=lambda i: grown(steps[i]).area)
@@ -278,7 +278,7 @@ def _superlevel(
     area = _smooth(cells, rules.tolerance_m)
     if rules.width_m > 0.0:
         area = _widened(area, rules.width_m)
-    # What lies inside is as wide already, and so are both together.
+    # What lies inside is wide enough already, and so are both together.
     area = _with(area, inside)
     if area.is_empty:
         return area
@@ -323,7 +323,7 @@ def _on_terrain(area: Any, known: Any, must: Sequence[Any]) -> Any:
 def _strips(higher: Any, own: BoolArray, grid: Grid, rules: Drawing) -> Any:
     """Return strips of the least width along a higher area where cells of a class lie beside it.
 
-    Only strips that are as large as the smallest zone.
+    Only strips at least as large as the smallest zone.
     """
     width = rules.width_m
     shapely.prepare(higher)
@@ -339,7 +339,7 @@ def _strips(higher: Any, own: BoolArray, grid: Grid, rules: Drawing) -> Any:
 
 def _with_rims(higher: Any, lower: Any, rules: Drawing) -> Any:
     """Return a higher area with narrow and small parts of the lower one that lie next to it."""
-    # Narrow ends that do not touch the higher area stay what they are.
+    # Narrow ends that do not touch the higher area keep their class.
     parts = polygons_of(shapely.difference(lower, higher))
     is_small = shapely.area(parts) < rules.area_m2
     small, wide = parts[is_small], parts[~is_small]
@@ -355,14 +355,15 @@ def _with_rims(higher: Any, lower: Any, rules: Drawing) -> Any:
     # on rounded coordinates fails where rounding closes a ring.
     faces = faces_of([lower, rest])
     found = polygons_of(shapely.coverage_union_all(faces[classes_of(faces, [lower, rest]) == 1]))
-    # What hangs together by less than the precision does not, and holds nothing of the area then.
+    # Parts joined by less than the precision count as separate, and may then hold nothing of the
+    # area.
     within = shapely.point_on_surface(polygons_of(higher))
     _, holds = shapely.STRtree(found).query(within, predicate="intersects")
     return shapely.multipolygons(found[np.unique(holds)])
 
 
 def _is_beside(area: Any, parts: NDArray[Any]) -> BoolArray:
-    """Return whether parts share a border with an area, and not a point only."""
+    """Return whether parts share a border with an area, not only a point."""
     place, ring = shapely.get_coordinates(shapely.get_rings(parts), return_index=True)
     begin, end = place[:-1], place[1:]
     border = shapely.boundary(area)
@@ -375,7 +376,7 @@ def _is_beside(area: Any, parts: NDArray[Any]) -> BoolArray:
 
 
 def reach_cells(rules: Drawing, cell_size: float) -> int:
-    """Return cells from a zone within which drawing it looks at others, and may add to it."""
+    """Return the distance (cells) within which drawing a zone looks at others and adds to it."""
     grown = rules.width_m + _FARTHEST * math.sqrt(rules.area_m2) + rules.tolerance_m
     # The average along an outline moves it by less than the gap, and looks along it twice as far.
     return math.ceil(2.0 * (grown + max(rules.gap_m, rules.envelope_m)) / cell_size) + 2
@@ -457,7 +458,7 @@ class _Place:
 
 
 def _places(whole: _Place, reach: int) -> Iterator[_Place]:
-    """Yield each place whose zones do not feel those of another."""
+    """Yield each place whose zones are independent of those of another."""
     # Those between which there is more than the reach.
     near = ndimage.distance_transform_edt(np.max(whole.maps, axis=0) == 0) <= reach / 2 + 1
     place_of, _ = ndimage.label(near, np.ones((3, 3)))
@@ -503,7 +504,7 @@ def _stacks_at_once(
 def _raised(place: _Place, gaps: Sequence[float], smallest_m2: float) -> ClassMap:
     """Return classes of a map's cells, raised where what is drawn is of that class anyway."""
     # Between cells that lie near each other on all sides, and in small holes, lines would be drawn
-    # that closing gaps and filling holes takes away. Here they are not made.
+    # that closing gaps and filling holes takes away. They are avoided here.
     (classes,), size = place.maps, place.grid.cell_size
     out = classes.copy()
     for k, gap in enumerate(gaps, start=1):

@@ -13,7 +13,7 @@ from scipy.sparse.csgraph import dijkstra
 
 from sassgis.grid import BoolArray, Bounds, ClassMap, FloatArray, Grid
 
-#: A step across the slope counts as so many along it: zones of single paths are long and narrow.
+#: Length of a step across the slope, in steps along it: zones of single paths are long and narrow.
 _ACROSS_SLOPE = 3.0
 #: A step from a cell to others in (rows, columns): to the eight around it, and a knight's move.
 _STEPS = ((0, 1), (1, 0), (1, 1), (1, -1), (1, 2), (2, 1), (1, -2), (2, -1))
@@ -58,7 +58,7 @@ class Ground:
         shapely.prepare(zone)
         inside = shapely.intersects_xy(zone, x, y)
         if not inside.any():
-            # A part without the middle of a cell, as the edge of the terrain cuts it off.
+            # A part without a cell centre, cut off by the edge of the terrain.
             apart = np.where(self.known, shapely.distance(zone, shapely.points(x, y)), np.inf)
             inside = apart == apart.min()
         lower = np.clip(self.of_class - self.classes, 1, None) * np.where(self.known, 1.0, np.inf)
