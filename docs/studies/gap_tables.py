@@ -1,7 +1,8 @@
 """Put the tables of the field cases into their pages.
 
 ``python docs/studies/gap_tables.py`` rewrites what stands between ``<!-- gap: NAME -->`` and
-``<!-- end gap -->`` in the pages ``gap_*.md`` of this folder, from the committed ``results.json``, which ``python pipelines/gap_NAME.py DATA -o OUT`` writes.
+``<!-- end gap -->`` in the pages ``gap_*.md`` of this folder, from the committed ``results.json``,
+which ``python pipelines/gap_NAME.py DATA -o OUT`` writes.
 """
 
 from __future__ import annotations
