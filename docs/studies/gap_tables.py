@@ -1,8 +1,8 @@
 """Put the tables of the field cases into their pages.
 
 ``python docs/studies/gap_tables.py`` rewrites what stands between ``<!-- gap: NAME -->`` and
-``<!-- end gap -->`` in the pages ``gap_*.md`` of this folder, and in ``docs/gap_practice.md``, from
-the committed ``results.json``, which ``python pipelines/gap_NAME.py DATA -o OUT`` writes.
+``<!-- end gap -->`` in the pages ``gap_*.md`` of this folder, from the committed ``results.json``,
+which ``python pipelines/gap_NAME.py DATA -o OUT`` writes.
 """
 
 from __future__ import annotations
@@ -332,7 +332,7 @@ TABLES = {
     "authume program": program,
 }
 #: Pages with tables of field cases.
-PAGES = (*sorted(HERE.glob("gap_*.md")), HERE.parent / "gap_practice.md")
+PAGES = sorted(HERE.glob("gap_*.md"))
 
 
 def filled(text: str) -> str:
