@@ -474,7 +474,7 @@ def gap_report(
         "{}, {} × {} cells of {} m", terrain, columns, rows, f"{case.grid.cell_size:.4g}"
     )
     tried = gap_answer.effect_names(c.effect for c in diagnosis.which)
-    tables = [phrase("{} {}", n, phrase(name)) for name, n in diagnosis.tables.items()]
+    tables = [phrase("{}: {}", phrase(name), int(n)) for name, n in diagnosis.tables.items()]
     said = filter(None, (phrase(diagnosis.first_sentence), gap_answer.verdict_sentence(diagnosis)))
     return ReportContext(
         title=translated(phrase("{}: observed and simulated rocks", project)),

@@ -268,7 +268,7 @@ def control_line_tables(control_lines: ControlLineSums, parts: LineParts = ()) -
 
 
 def _span(low: float, high: float) -> str:
-    one, other = (f"{x:.3g}" if abs(x) < 1000.0 else f"{x:.0f}" for x in (low, high))
+    one, other = (f"{x:.3g}" if abs(x) < 1000.0 else thousands(x) for x in (low, high))
     return phrase("{} to {}", one, other) if high > low else one
 
 

@@ -20,7 +20,7 @@ from sassgis.report.figures.map_marks import MapMarks
 from sassgis.report.figures.style import to_png, translate_texts
 from sassgis.report.page import ReportFigure, sensible
 from sassgis.settings.languages import joined, phrase
-from sassgis.settings.results import RasterLayer
+from sassgis.settings.results import RasterLayer, thousands
 from sassgis.settings.styles import class_labels
 from sassgis.simulation.path_sample import LinePaths
 from sassgis.simulation.workers import Processes, Workers
@@ -111,7 +111,7 @@ def path_alt(shown: LinePaths) -> str:
     names = ", ".join(line.name for line, chainage in shown.control_lines if chainage <= end)
     section = phrase(
         "Vertical section from {} m down to {} m over {} m in plan. Paths drawn: {}.",
-        *(f"{x:.0f}" for x in (shown.z[0], low, end)),
+        *(thousands(float(x)) for x in (shown.z[0], low, end)),
         len(shown.paths),
     )
     return joined(" ", (section, phrase("It crosses {}.", names))) if names else section

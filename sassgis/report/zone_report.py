@@ -172,7 +172,7 @@ def zone_figures(
         phrase("Falling curve. Blocks per year: {}.", joined(", ", rates)),
         figures.hazard_curve_figure(
             curves, place, preset, by_source=curves_at(hazard, place), confidence=confidence,
-            note=phrase("At {}, {}.", f"{x[0]:.0f}", f"{y[0]:.0f}"),
+            note=phrase("At {}, {}.", thousands(x[0]), thousands(y[0])),
         ),
     )  # fmt: skip
     if found.risk is not None:

@@ -466,7 +466,12 @@ def _write_report(
     if sheets:
         change = next((f for f in drawn if f.title == BARRIERS_TITLE), None)
         write_protection_page(
-            work, config.project.name, byline(config), sheets, change, len(warnings)
+            work,
+            config.project.name,
+            byline(config),
+            sheets,
+            change,
+            len(first_warnings(warnings)),
         )
         others.append((PAGE_NAME, "Design of protection"))
     report = translated_report(

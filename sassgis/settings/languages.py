@@ -9,6 +9,7 @@ as it is: names that the user gave, sources of values.
 from __future__ import annotations
 
 import json
+import re
 from collections import defaultdict
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
@@ -24,6 +25,9 @@ LANGUAGES: tuple[Language, ...] = get_args(Language)
 T = TypeVar("T")
 
 _LANGUAGE: ContextVar[Language] = ContextVar("language", default="en")
+
+#: An Italian article before a number: of a vowel ("otto", "undici", "uno virgola ..."), or "zero".
+_ARTICLE = re.compile(r"\b([Ii]|[DdNn]e|[Ss]u|[Dd]a|[Aa])l (?=(8|11(?!\d)|1(?:\.\d+)?\s%)|0)")
 
 
 class Phrase(str):
@@ -123,13 +127,27 @@ def translated(text: str) -> str:
     if isinstance(text, Phrase) and text.forms:
         one, several, n = text.forms
         key = several if (n > 1 if "plural=(n > 1)" in catalogue[""] else n != 1) else one
+    if key and not key.strip("{}; "):
+        # A list of parts.
+        key = key.replace("; ", catalogue["; "])
     key = catalogue.get(key, key) if key else key
     if not isinstance(text, Phrase):
         return key
     if text.parts or text.named:
         named = {name: part(value) for name, value in text.named.items()}
         key = key.format(*map(part, text.parts), **named)
+        key = _with_articles(key) if language == "it" else key
     return key[:1].upper() + key[1:] if isinstance(text, Capital) else key
+
+
+def _with_articles(text: str) -> str:
+    """Write Italian articles as the numbers after them are spoken: l'8 %, dell'11 %, lo 0.4 %."""
+
+    def article(match: re.Match[str]) -> str:
+        stem = {"i": "l", "I": "L"}.get(match[1], match[1] + "ll")
+        return stem + ("'" if match[2] else "o ")
+
+    return _ARTICLE.sub(article, text)
 
 
 def with_translated(thing: T, *names: str) -> T:

@@ -14,7 +14,7 @@ from itertools import pairwise
 from typing import Literal
 
 from sassgis.settings.languages import phrase, translated
-from sassgis.settings.results import RasterClass
+from sassgis.settings.results import RasterClass, thousands
 from sassgis.settings.statistics_table import built_in_rows
 
 #: A RasterLayer of heights with this name as its ramp is shown as shaded relief.
@@ -160,11 +160,12 @@ def with_unit(text: str, unit: str) -> str:
 
 
 def _range_label(low: float, high: float, unit: str) -> str:
+    first, last = (f"{x:g}" if abs(x) < 1000.0 else thousands(x) for x in (low, high))
     if math.isinf(low):
-        return with_unit(f"< {high:g}", unit)
+        return with_unit(f"< {last}", unit)
     if math.isinf(high):
-        return with_unit(f"≥ {low:g}", unit)
-    return with_unit(f"{low:g} – {high:g}", unit)
+        return with_unit(f"≥ {first}", unit)
+    return with_unit(f"{first} – {last}", unit)
 
 
 def zero_is_nothing(unit: str) -> bool:

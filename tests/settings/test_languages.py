@@ -146,6 +146,22 @@ def test_each_language_counts_by_its_plural_rule(n: int, language: Language, wor
         assert translated(pickle.loads(pickle.dumps(text))) == words
 
 
+@pytest.mark.parametrize(
+    ("number", "words"),
+    [("8", "l'8 %"), ("85", "l'85 %"), ("11", "l'11 %"), ("110", "il 110 %"), ("1.3", "l'1.3 %"),
+     ("0.4", "lo 0.4 %"), ("12", "il 12 %")],
+)  # fmt: skip
+def test_italian_articles_follow_the_spoken_number(number: str, words: str) -> None:
+    with in_language("it"):
+        text = translated(phrase("{} % of the blocks", number))
+    assert text == f"{words[0].upper()}{words[1:]} dei blocchi"
+
+
+def test_parts_of_a_list_are_separated_as_the_language_does() -> None:
+    with in_language("fr"):
+        assert translated(joined("; ", ("A", phrase("net")))) == "A\u00a0; filet"
+
+
 def test_the_language_ends_with_its_block() -> None:
     with pytest.raises(RuntimeError), in_language("it"):
         assert translated("Maps") == "Carte"

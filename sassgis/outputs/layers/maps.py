@@ -12,7 +12,7 @@ from sassgis.files.vector_layer import descriptions
 from sassgis.grid import FloatArray, Grid, IntArray
 from sassgis.settings.hazard_rules import HazardPreset
 from sassgis.settings.languages import phrase
-from sassgis.settings.results import Band, RasterClass, RasterLayer
+from sassgis.settings.results import Band, RasterClass, RasterLayer, thousands
 from sassgis.settings.statistics_table import FEW_BLOCKS, STATISTICS
 from sassgis.settings.styles import HILLSHADE
 from sassgis.simulation.map_sums import MapSums, Sample, band_values
@@ -86,7 +86,7 @@ def map_layers(
     the reach probability. The energy classes (kJ) replace those of the legend.
     """
     words = {
-        "rocks": sample.started,
+        "rocks": thousands(sample.started),
         "width": phrase(
             "Reference width {} m (one cell): a block counts for a cell if its centre passes "
             "within half this width of the cell centre, or if it stops in the cell.",

@@ -89,8 +89,7 @@ def _draw_matrix(ax: Axes, preset: HazardPreset, energy: tuple[float, float]) ->
                 words = style.ink_on(level.colour, _FIELD_ALPHA)
                 ax.text(
                     np.sqrt(left * right), np.sqrt(bottom * top), level.label, size=style.SMALL,
-                    color=words, ha="center", va="center", zorder=1.5,
-                    path_effects=style.halo() if level.hatched else None,
+                    color=words, ha="center", va="center", zorder=5.0, path_effects=style.halo(),
                 )  # fmt: skip
 
 
@@ -377,7 +376,7 @@ def risk_figure(
 
 
 def _risk_tick(exponent: int, value: float, _: object) -> str:
-    return thousands(value) if value >= 1e4 else f"{value / 10.0**exponent:g}"
+    return thousands(value) if value >= 1e3 else f"{value / 10.0**exponent:g}"
 
 
 #: Frequencies this much rarer than the longest return period are not drawn.
@@ -399,7 +398,7 @@ def protection_figure(
     ``places`` are its rows of places_table; with a single one the second part is left out.
     """
     along = len(places) > 1
-    figure = style.new_figure(style.WIDTH_IN, 2.7)
+    figure = style.new_figure(style.WIDTH_IN, 2.9)
     grid = figure.add_gridspec(2, 2 if along else 1, height_ratios=(2.2, 1.0))
     ax = figure.add_subplot(grid[:, 0])
     least = 1.0 / max(return_periods_years) / _RARER
@@ -439,7 +438,7 @@ def protection_figure(
     ax.yaxis.set_major_formatter(style.plain_tick)
     ax.yaxis.set_minor_locator(NullLocator())
     if ax.get_legend_handles_labels()[0]:
-        ax.legend(fontsize=style.SMALL, loc="lower left")
+        figure.legend(fontsize=style.SMALL, loc="outside lower left", ncols=3, frameon=False)
     if along:
         upper = figure.add_subplot(grid[0, 1])
         _draw_along(upper, figure.add_subplot(grid[1, 1], sharex=upper), places)
@@ -458,6 +457,8 @@ def _draw_along(upper: Axes, lower: Axes, places: pd.DataFrame) -> None:
         ax.fill_between(moved, low, high, color=colour, alpha=0.15, lw=0.0)
         ax.plot(moved, value, marks, color=colour, ms=3.0, lw=1.1)
         ax.set_ylabel(name, color=colour, size=style.SMALL)
+        if ax is upper:
+            ax.yaxis.set_major_formatter(style.thousands_formatter())
         ax.set_ylim(0.0, 1.15 * float(np.nanmax([*value, *high, 1e-9])))
     other.spines["right"].set_visible(True)
     upper.tick_params(labelbottom=False)
