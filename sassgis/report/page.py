@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import base64
 import math
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cache
 from os import PathLike
@@ -137,6 +137,15 @@ def sensible(value: Cell, digits: int = 3) -> str:
             # A friction of 0.8 is not known to be 0.800.
             text = text.rstrip("0").rstrip(".")
     return text.replace(",", "\u202f").replace("-", "\u2212")
+
+
+def same_decimals(values: Sequence[float]) -> list[str]:
+    """Write values as a person would, all with the decimals of the first: 4.40, 4.36, 4.44."""
+    first = abs(values[0])
+    if first < 1e-4:
+        return [sensible(value) for value in values]
+    decimals = max(0, 2 - int(f"{first:.2e}".split("e")[1]))
+    return [f"{v:,.{decimals}f}".replace(",", "\u202f").replace("-", "\u2212") for v in values]
 
 
 def number_columns(table: ReportTable) -> tuple[bool, ...]:

@@ -28,6 +28,7 @@ from sassgis.report.page import (
     ReportFigure,
     ReportTable,
     heads,
+    same_decimals,
     sensible,
     table_of,
     template,
@@ -132,12 +133,12 @@ def most_exposed(exposed: ReportTable) -> ReportTable:
 
 
 def with_limits(value: float, low: float, high: float) -> Cell:
-    """Return a value with its limits, in words; None where there is none."""
+    """Return a value with its limits, in words, all with its decimals; None where there is none."""
     if not np.isfinite(value):
         return None
     if not np.isfinite(high):
         return phrase("{} ({} or more)", sensible(value), sensible(low))
-    return phrase("{} ({} to {})", *map(sensible, (value, low, high)))
+    return phrase("{} ({} to {})", *same_decimals((value, low, high)))
 
 
 def limited(row: pd.Series, column: str) -> Cell:

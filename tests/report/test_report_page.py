@@ -27,7 +27,7 @@ from sassgis.report.page import (
     translated_report,
     write_report,
 )
-from sassgis.report.protection_page import MOST_ROWS, exposed_table, most_exposed
+from sassgis.report.protection_page import MOST_ROWS, exposed_table, most_exposed, with_limits
 from sassgis.settings.exposure import PlacedObjects
 from sassgis.settings.languages import in_language
 
@@ -180,6 +180,12 @@ def test_number_columns_are_told_from_words() -> None:
 )  # fmt: skip
 def test_sensible_digits(value: object, text: str) -> None:
     assert sensible(value) == text
+
+
+def test_limits_have_the_decimals_of_their_value() -> None:
+    assert with_limits(4.4, 4.361, 4.44) == "4.40 (4.36 to 4.44)"
+    assert with_limits(67.7, 0.0, 120.4) == "67.7 (0.0 to 120.4)"
+    assert with_limits(1163.0, 1139.6, 1186.0) == "1\u202f163 (1\u202f140 to 1\u202f186)"
 
 
 def test_the_page_has_the_language_of_the_program_and_leaves_names_and_sources() -> None:

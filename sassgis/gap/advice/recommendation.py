@@ -363,7 +363,7 @@ def _off_by(gap: ModelGap, gaps: Sequence[ModelGap]) -> Phrase:
         if gap.place != "stop":
             what = phrase("{} at {}", what, gap.place)
         size_of = phrase(
-            "{}: {} {}, 95 % interval {} {}",
+            "{} differs by {} {}, 95 % interval {} {}",
             what, number_text(size), unit, range_text(low, high), unit,
         )  # fmt: skip
     if gap.side == "safe":
