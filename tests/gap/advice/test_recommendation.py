@@ -115,8 +115,8 @@ def test_place_amount_side_and_cause_come_first_in_this_order() -> None:
         "In the run-out simulated blocks stop 20 % too early, on the unsafe side (90 % quantile "
         "differs by 20 m, 95 % interval 12 to 28 m); most likely because of trees that take "
         "energy from passing rocks (71 %); with trees the gap over all quantities shrinks by 66 % "
-        "(95 %: 50 to 80 %) on held-out rocks, with calibrated ground by 66 % (95 %: 50 to 80 %). Run "
-        "model/config.toml (with trees)."
+        "(95 %: 50 to 80 %) on held-out rocks, with calibrated ground by 66 % (95 %: 50 to 80 %). "
+        "Run model/config.toml (with trees)."
     )
     # What does not certainly close the gap is seen, and no reason of it.
     said = first_sentence(advice("ground"), RUNGS, TREES)
@@ -202,8 +202,8 @@ def test_a_model_that_falls_far_short_is_not_recommended() -> None:
     assert "Run model" not in said and "After calibration" not in said
     assert (
         "No tested model is recommended. The nearest one is trees (model/config.toml); with it, "
-        "in the run-out simulated blocks stop 107 % too early, on the unsafe side (median differs by 107 m, "
-        "95 % interval 97 to 117 m). On held-out rocks, it closes 66 % (95 %: 50 to 80 %) of the "
+        "in the run-out simulated blocks stop 107 % too early, on the unsafe side (median "
+        "differs by 107 m, 95 % interval 97 to 117 m). On held-out rocks, it closes 66 % (95 %: 50 to 80 %) of the "
         "gap over all quantities."
     ) in said
     said = first_sentence(replace(advice("configured", left=(short,)), short=short), RUNGS, NOTHING)
@@ -219,8 +219,8 @@ def test_what_is_no_part_of_the_motion_is_not_said_to_be_in_the_file() -> None:
 
 
 FAR_SAFE = (
-    "Also: in the run-out simulated blocks stop 60 % too far, on the safe side (median differs by 60 m, 95 % "
-    "interval 55 to 65 m)."
+    "Also: in the run-out simulated blocks stop 60 % too far, on the safe side (median differs by 60 m, "
+    "95 % interval 55 to 65 m)."
 )
 
 
