@@ -709,7 +709,7 @@ def test_tables_tell_what_changed_and_warnings_are_repeated(written: Path) -> No
     assert "Said on the console." in words
     assert "debris 0.55 → 0.612" in words
     assert "efficiency 0.8 0.5 to 1.2" in words
-    assert "80 passages" in words
+    assert "passages: 80" in words
 
 
 def test_the_map_shows_what_matters_most_of_what_is_sure() -> None:

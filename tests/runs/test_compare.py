@@ -175,7 +175,7 @@ def test_a_result_and_itself(results: Any, tmp_path: Path, call) -> None:
     assert (table["change"].dropna() == 0.0).all() and len(table) > 20
     assert np.nanmax(np.abs(bands(tmp_path / "out/maps/energy_change.tif")["change"])) == 0.0
     page = (tmp_path / "out" / "report.html").read_text(encoding="utf-8")
-    assert "Nichts ändert." in page
+    assert "Nichts ändert sich." in page
     layer = gpd.read_file(tmp_path / "out" / "changes.gpkg", layer="level_changes")
     assert set(layer["change"]) == {"same"}
 

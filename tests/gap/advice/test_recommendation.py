@@ -203,8 +203,8 @@ def test_a_model_that_falls_far_short_is_not_recommended() -> None:
     assert (
         "No tested model is recommended. The nearest one is trees (model/config.toml); with it, "
         "in the run-out simulated blocks stop 107 % too early, on the unsafe side (median "
-        "differs by 107 m, 95 % interval 97 to 117 m). On held-out rocks, it closes 66 % (95 %: 50 to 80 %) of the "
-        "gap over all quantities."
+        "differs by 107 m, 95 % interval 97 to 117 m). On held-out rocks, it closes 66 % "
+        "(95 %: 50 to 80 %) of the gap over all quantities."
     ) in said
     said = first_sentence(replace(advice("configured", left=(short,)), short=short), RUNGS, NOTHING)
     assert said.endswith("95 % interval 12 to 28 m). No tested model is recommended.")
@@ -219,8 +219,8 @@ def test_what_is_no_part_of_the_motion_is_not_said_to_be_in_the_file() -> None:
 
 
 FAR_SAFE = (
-    "Also: in the run-out simulated blocks stop 60 % too far, on the safe side (median differs by 60 m, "
-    "95 % interval 55 to 65 m)."
+    "Also: in the run-out simulated blocks stop 60 % too far, on the safe side (median "
+    "differs by 60 m, 95 % interval 55 to 65 m)."
 )
 
 
