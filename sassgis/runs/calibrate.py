@@ -18,6 +18,7 @@ from sassgis.files.input_parts import file_digest
 from sassgis.gap.constants import (
     CALIBRATED_ROCKS,
     CLASS_COUNT,
+    DIAGNOSED_ROCKS,
     LAW_BOUNDS,
     WARNED_GROUPS,
     WARNED_LEAVING,
@@ -107,8 +108,20 @@ def fingerprint_of(config: Config, observations: AnyObservations, options: str) 
 def prepared_case(
     settings: AnyConfig, observations: AnyObservations, seed: int, ground: float
 ) -> Case:
-    """Return a case with the contacts that were recorded, and the range of the ground."""
+    """Return a case with the contacts that were recorded, and the range of the ground.
+
+    InputError if there are too few rocks for a diagnosis.
+    """
     case = replace(read_case(settings, observations), ground_range=ground)
+    # Before the contacts, which take their time.
+    if case.n_rocks < DIAGNOSED_ROCKS:
+        raise InputError(
+            "too few rocks to distinguish a cause from chance",
+            file=observations_name(observations),
+            field="rocks",
+            found=case.n_rocks,
+            expected=f"{DIAGNOSED_ROCKS} or more",
+        )
     return replace(case, learned=learned_contacts(case, seed))
 
 

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from sassgis.errors import InputError, Interrupted
+from sassgis.errors import Interrupted
 from sassgis.files.atomic_output import output_if_asked, write_text
 from sassgis.gap.advice.measure_next import (
     not_testable,
@@ -31,7 +31,6 @@ from sassgis.gap.constants import (
     CHOSEN_COUNT,
     CHOSEN_NUMBER,
     CONFIGURED_NUMBER,
-    DIAGNOSED_ROCKS,
     FIT_DRAWS,
     SEPARATION_DRAWS,
 )
@@ -81,7 +80,6 @@ from sassgis.runs.calibrate import (
     fingerprint_of,
     group_warnings,
     limit_warnings,
-    observations_name,
     observed_files,
     prepared_case,
     scenario_warnings,
@@ -150,14 +148,6 @@ def diagnose(
         settings = configured(config, None)
         tell("Reading the inputs")
         case = prepared_case(settings, observations, seed, ground_range)
-        if case.n_rocks < DIAGNOSED_ROCKS:
-            raise InputError(
-                "too few rocks to distinguish a cause from chance",
-                file=observations_name(observations),
-                field="rocks",
-                found=case.n_rocks,
-                expected=f"{DIAGNOSED_ROCKS} or more",
-            )
         summary = summary_of(comparable(site_data_of(case, seed), observations))
         fingerprint = fingerprint_of(settings, observations, f"{seed} {draws} {ground_range:g}")
         try:
