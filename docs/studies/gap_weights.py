@@ -319,7 +319,7 @@ def answer_of(row: Row, weights: CauseWeights, thresholds: Thresholds) -> Answer
     return Answer(
         case=row["site"],
         effect=effect,
-        confidence=confidence_of(effect, shares, thresholds.right),
+        confidence=confidence_of(effect, prints, shares, thresholds),
         confusion_set=confusion_set(effect, thresholds.possible, shares),
         group=group,
         large_findings=not is_adequate,

@@ -6,7 +6,7 @@ import base64
 import math
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cache
+from functools import cache, partial
 from os import PathLike
 from pathlib import Path
 from typing import Any
@@ -29,13 +29,18 @@ class ReportFigure:
 
     title: str
     caption: str  # what is to be seen, in a sentence or two
-    drawn: Callable[[], bytes] = field(repr=False)  # waits where it is drawn in another process
+    # Waits where the picture is drawn in another process.
+    drawn: Callable[[], bytes] = field(repr=False, compare=False)
     alt: str = ""  # what is seen, for those who cannot see it; default: the title
 
     @property
     def png(self) -> bytes:
-        """The file."""
+        """Return the PNG file."""
         return self.drawn()
+
+    def finished(self) -> ReportFigure:
+        """Return the figure with its file, which waits for nobody."""
+        return replace(self, drawn=partial(bytes, self.png))
 
 
 def heads(columns: str) -> tuple[tuple[str, str], ...]:

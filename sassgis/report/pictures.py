@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import pickle
 from collections.abc import Iterator, Mapping, Sequence
-from concurrent.futures import CancelledError
+from concurrent.futures import CancelledError, Future
 from contextlib import contextmanager
 from contextvars import ContextVar
 from functools import partial
@@ -14,6 +15,7 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
+from sassgis.errors import OutputError
 from sassgis.grid import Grid
 from sassgis.report.figures.map_figure import class_numbers, map_figure, shown_values
 from sassgis.report.figures.map_marks import MapMarks
@@ -56,7 +58,25 @@ def picture(
     if (drawers := DRAWERS.get()) is None:
         return ReportFigure(title, caption, partial(bytes, _drawn(file, figure)), alt)
     translate_texts(figure)
-    return ReportFigure(title, caption, drawers.submit(_drawn, file, figure).result, alt)
+    packed = pickle.dumps(figure, pickle.HIGHEST_PROTOCOL)
+    drawn = drawers.submit(_drawn_again, file, packed)
+    return ReportFigure(title, caption, partial(_awaited, drawn, file, packed), alt)
+
+
+def _awaited(drawn: Future[bytes], file: Path, packed: bytes) -> bytes:
+    """Wait for a figure; it is drawn here where no other process could be started."""
+    while True:
+        try:
+            return drawn.result(timeout=0.1)
+        except TimeoutError:
+            if (given_up := GIVEN_UP.get()) is not None and given_up.is_set():
+                raise CancelledError from None
+        except OutputError:
+            return _drawn_again(file, packed)
+
+
+def _drawn_again(file: Path, packed: bytes) -> bytes:
+    return _drawn(file, pickle.loads(packed))
 
 
 def _drawn(file: Path, figure: Figure) -> bytes:

@@ -491,7 +491,7 @@ def _write_report(
         )
     )  # fmt: skip
     write_report(work / "report.html", report)
-    return report
+    return replace(report, figures=tuple(figure.finished() for figure in report.figures))
 
 
 def values_at_objects(

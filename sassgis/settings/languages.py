@@ -27,7 +27,8 @@ T = TypeVar("T")
 _LANGUAGE: ContextVar[Language] = ContextVar("language", default="en")
 
 #: An Italian article before a number: of a vowel ("otto", "undici", "uno virgola ..."), or "zero".
-_ARTICLE = re.compile(r"\b([Ii]|[DdNn]e|[Ss]u|[Dd]a|[Aa])l (?=(8|11(?!\d)|1(?:\.\d+)?\s%)|0)")
+_BEFORE_A_PART = re.compile(r"\b(?:[Ii]|[DdNn]e|[Ss]u|[Dd]a|[Aa])l (?=\{)")
+_ARTICLE = re.compile(r"(\w+)l \0(?=(8|11(?!\d)|1(?:\.\d+)?\s%)|0(?!\d))")
 
 
 class Phrase(str):
@@ -135,6 +136,8 @@ def translated(text: str) -> str:
         return key
     if text.parts or text.named:
         named = {name: part(value) for name, value in text.named.items()}
+        # Only articles of the text itself, not those in names.
+        key = _BEFORE_A_PART.sub("\\g<0>\0", key) if language == "it" else key
         key = key.format(*map(part, text.parts), **named)
         key = _with_articles(key) if language == "it" else key
     return key[:1].upper() + key[1:] if isinstance(text, Capital) else key
@@ -147,7 +150,7 @@ def _with_articles(text: str) -> str:
         stem = {"i": "l", "I": "L"}.get(match[1], match[1] + "ll")
         return stem + ("'" if match[2] else "o ")
 
-    return _ARTICLE.sub(article, text)
+    return _ARTICLE.sub(article, text).replace("\0", "")
 
 
 def with_translated(thing: T, *names: str) -> T:

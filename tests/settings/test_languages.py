@@ -154,7 +154,9 @@ def test_each_language_counts_by_its_plural_rule(n: int, language: Language, wor
 def test_italian_articles_follow_the_spoken_number(number: str, words: str) -> None:
     with in_language("it"):
         text = translated(phrase("{} % of the blocks", number))
+        name = translated(phrase("{} % of the blocks", named("Via al 8, dal 05.03.")))
     assert text == f"{words[0].upper()}{words[1:]} dei blocchi"
+    assert "Via al 8, dal 05.03." in name
 
 
 def test_parts_of_a_list_are_separated_as_the_language_does() -> None:

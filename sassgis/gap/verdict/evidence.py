@@ -328,7 +328,7 @@ def verdict_of(
     # The law of the contact is that of the base, whichever families there are.
     none = shares[NONE] if effect == CONTACT_LAW else 0.0
     verdict = Verdict(
-        effect=effect, confidence=confidence_of(effect, shares, frozen.right),
+        effect=effect, confidence=confidence_of(effect, evidence.prints, shares, frozen),
         confusion_set=confusion_set(effect, frozen.possible, shares), phase=phase,
         segments=segments, reason=reason, probabilities=dict(shares), group=group,
         base=CONTACT_LAW if law or (sound and evidence.law) else GROUND if enough else "unresolved",

@@ -500,16 +500,23 @@ def place_of(
     return first.phase, first.place(case, [draw.model for draw in fitted])
 
 
-def confidence_of(effect: str, shares: Mapping[str, float], right: Mapping[str, float]) -> float:
-    """Return the probability of an answer; NaN where none is given.
+def confidence_of(
+    effect: str,
+    prints: Sequence[Fingerprint],
+    shares: Mapping[str, float],
+    thresholds: Thresholds,
+) -> float:
+    """Return the probability of an answer, of two causes together; NaN where none is given.
 
-    No more than ``right``: the share of the sites of development at which such an answer was right.
+    No more than the share of the sites of development at which such an answer was right.
     """
     if effect == UNKNOWN:
         return math.nan
     named = [NONE] if effect == CONTACT_LAW else effect.split("+")
     own = sum(shares.get(name, 0.0) for name in named)
-    return float(min(own, right.get(effect, 1.0), 0.99))
+    if effect in CAUSES:
+        own = probability_beside_certain(effect, prints, shares, thresholds)
+    return float(min(own, thresholds.right.get(effect, 1.0), 0.99))
 
 
 #: Evidence for a cause, in the order of the weights.

@@ -143,7 +143,7 @@ def hillshade(grid: Grid) -> FloatArray:
     total, weights = np.zeros_like(z), np.zeros_like(z)
     for azimuth in np.radians([225.0, 270.0, 315.0, 360.0]):
         towards = -(np.sin(azimuth) * east + np.cos(azimuth) * north)
-        # The small constant keeps flat ground, which has no side, evenly lit.
+        # The small constant keeps weights above 0 where rounding exceeds 1.
         weight = 1.0 - (towards / level) ** 2 + 1e-3
         light = (np.sin(altitude) + np.cos(altitude) * towards) * upwards
         total += weight * np.clip(light, 0.0, 1.0)

@@ -24,6 +24,7 @@ from sassgis.gap.observations.case import Case, LearnedContacts, observed_campai
 from sassgis.gap.verdict.verdict import (
     Thresholds,
     adequate,
+    confidence_of,
     confusion_set,
     decide,
     group_of,
@@ -213,6 +214,8 @@ def test_a_cause_that_is_certain_by_itself_takes_nothing_from_another() -> None:
     for z, named in ((5.0, "unknown"), (9.0, "lateral_deflection")):
         film = printed("measurement_error", z, statistic=FILM)
         assert answer([turned, film], two, [gap(1.0)], 0.5)[0] == named
+        sure = confidence_of("lateral_deflection", [turned, film], two, FROZEN)
+        assert (sure >= FROZEN.named) == (named == "lateral_deflection")
 
 
 def gained(effect: str, sureness: float, power: float = 1.0) -> CauseGain:
