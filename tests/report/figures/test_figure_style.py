@@ -18,6 +18,7 @@ from sassgis.report.page import ReportFigure
 from sassgis.report.pictures import drawn_beside, picture
 from sassgis.settings.languages import in_language
 from sassgis.settings.results import StopReason
+from sassgis.simulation import workers
 
 positions = st.lists(st.floats(-1e3, 1e3), min_size=0, max_size=12)
 
@@ -110,6 +111,19 @@ def test_figures_drawn_by_another_process_are_the_same_in_each_language(tmp_path
             beside = drawn("beside").png
     assert here == beside == (tmp_path / "beside.png").read_bytes()
     assert here != drawn("english").png
+
+
+def test_figures_are_drawn_here_where_no_process_can_be_started(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def refused() -> None:
+        raise OSError("not permitted")
+
+    monkeypatch.setattr(workers, "WorkerProcess", refused)
+    figure = blocks_figure([(10, 0.2), (20, 0.1)], 0.05)
+    expected = to_png(figure)
+    with drawn_beside(2):
+        assert picture(tmp_path, "figure", "Blocks", "", figure).png == expected
 
 
 def test_figures_do_not_load_pyplot() -> None:
