@@ -17,7 +17,7 @@ from jinja2 import Environment, PackageLoader, StrictUndefined, Template
 from sassgis.errors import OutputError
 from sassgis.hazard.warnings import first_warnings
 from sassgis.settings.languages import current_language, translated, with_translated
-from sassgis.settings.results import power_of_ten
+from sassgis.settings.results import power_of_ten, thousands
 
 #: What a cell of a table may hold; numbers are written with sensible digits, None as a dash.
 Cell = str | int | float | np.integer[Any] | np.floating[Any] | None
@@ -132,12 +132,10 @@ def sensible(value: Cell, digits: int = 3) -> str:
     if isinstance(value, int | np.integer) or number == 0.0:
         text = f"{number:,.0f}"
     else:
-        # 9.996 is rounded to 10.0 before the decimals that it needs are counted.
-        mantissa, exponent = f"{number:.{digits - 1}e}".split("e")
-        decimals = max(0, digits - 1 - int(exponent))
+        mantissa, exponent, decimals = _written(number, digits)
         text = f"{number:,.{decimals}f}"
         if abs(number) < 1e-4:
-            text = f"{mantissa} × {power_of_ten(int(exponent))}"
+            text = f"{mantissa} × {power_of_ten(exponent)}"
         elif decimals:
             # A friction of 0.8 is not known to be 0.800.
             text = text.rstrip("0").rstrip(".")
@@ -146,11 +144,17 @@ def sensible(value: Cell, digits: int = 3) -> str:
 
 def same_decimals(values: Sequence[float]) -> list[str]:
     """Write values as a person would, all with the decimals of the first: 4.40, 4.36, 4.44."""
-    first = abs(values[0])
-    if first < 1e-4:
+    if abs(values[0]) < 1e-4:
         return [sensible(value) for value in values]
-    decimals = max(0, 2 - int(f"{first:.2e}".split("e")[1]))
-    return [f"{v:,.{decimals}f}".replace(",", "\u202f").replace("-", "\u2212") for v in values]
+    _, _, decimals = _written(values[0], 3)
+    return [thousands(value, decimals) for value in values]
+
+
+def _written(number: float, digits: int) -> tuple[str, int, int]:
+    """Return mantissa and exponent of so many digits, and the decimals that these need."""
+    # 9.996 is rounded to 10.0 before its decimals are counted.
+    mantissa, exponent = f"{number:.{digits - 1}e}".split("e")
+    return mantissa, int(exponent), max(0, digits - 1 - int(exponent))
 
 
 def number_columns(table: ReportTable) -> tuple[bool, ...]:

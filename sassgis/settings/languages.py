@@ -26,7 +26,8 @@ T = TypeVar("T")
 
 _LANGUAGE: ContextVar[Language] = ContextVar("language", default="en")
 
-#: An Italian article before a number: of a vowel ("otto", "undici", "uno virgola ..."), or "zero".
+#: An Italian article before a part; and before a number that is marked as a part and begins with a
+#: vowel ("otto", "undici", "uno virgola ...") or is "zero ...".
 _BEFORE_A_PART = re.compile(r"\b(?:[Ii]|[DdNn]e|[Ss]u|[Dd]a|[Aa])l (?=\{)")
 _ARTICLE = re.compile(r"(\w+)l \0(?=(8|11(?!\d)|1(?:\.\d+)?\s%)|0(?!\d))")
 
@@ -136,21 +137,21 @@ def translated(text: str) -> str:
         return key
     if text.parts or text.named:
         named = {name: part(value) for name, value in text.named.items()}
-        # Only articles of the text itself, not those in names.
-        key = _BEFORE_A_PART.sub("\\g<0>\0", key) if language == "it" else key
-        key = key.format(*map(part, text.parts), **named)
-        key = _with_articles(key) if language == "it" else key
+        filled = _italian if language == "it" else str.format
+        key = filled(key, *map(part, text.parts), **named)
     return key[:1].upper() + key[1:] if isinstance(text, Capital) else key
 
 
-def _with_articles(text: str) -> str:
-    """Write Italian articles as the numbers after them are spoken: l'8 %, dell'11 %, lo 0.4 %."""
+def _italian(text: str, *parts: object, **named: object) -> str:
+    """Fill in parts; articles follow the spoken numbers after them: l'8 %, dell'11 %, lo 0.4 %."""
 
     def article(match: re.Match[str]) -> str:
         stem = {"i": "l", "I": "L"}.get(match[1], match[1] + "ll")
         return stem + ("'" if match[2] else "o ")
 
-    return _ARTICLE.sub(article, text).replace("\0", "")
+    # Only articles of the text itself, not those in names.
+    marked = _BEFORE_A_PART.sub("\\g<0>\0", text).format(*parts, **named)
+    return _ARTICLE.sub(article, marked).replace("\0", "")
 
 
 def with_translated(thing: T, *names: str) -> T:

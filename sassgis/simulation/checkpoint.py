@@ -92,7 +92,7 @@ class Checkpoint:
             self._waiting.append(rows)
 
     def save(self, progress: Progress, every_s: float = 0.0) -> None:
-        """Save the state, whole or not at all, unless that was done within some seconds."""
+        """Save the state, whole or not at all; not sooner than ``every_s`` after the last time."""
         if self.folder is None or time.monotonic() - self._saved < every_s:
             return
         with writing(self.folder):

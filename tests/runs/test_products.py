@@ -179,6 +179,7 @@ def test_zones_say_where_they_end_with_the_terrain_model(german: Result) -> None
         # Whole sides of cells, also where the outline of the zone meets one between its ends.
         beside = zones.geometry[k - 1].buffer(0.1).intersection(line)
         assert beside.length > 0.9 * line.length
+        assert zones.geometry[k - 1].buffer(2.0).covers(line)  # a cell
 
 
 def test_values_at_objects_lie_within_their_intervals(german: Result) -> None:

@@ -404,7 +404,7 @@ def decide(
     best = strongest(prints)
     first = max(tried, key=lambda n: shares[n], default="")
     refused = phrase("")
-    likely = probability_beside_certain(first, prints, shares, thresholds)
+    likely = probability_beside_certain(first, prints, shares, thresholds) if first else 0.0
     if first and likely >= thresholds.named and is_clear(prints, gains, first):
         # Such a cause is one also where the rocks come as far without it.
         if closes is None or closes > 0.0 or is_certain(prints, first, thresholds):
@@ -470,8 +470,7 @@ def probability_beside_certain(
         for name in CAUSES
         if name != cause and name in shares and is_certain(prints, name, thresholds)
     )
-    left = 1.0 - certain
-    return shares[cause] / left if cause and left > shares[cause] else float(bool(cause))
+    return shares[cause] / max(1.0 - certain, shares[cause])
 
 
 def group_probability(group: str, shares: Mapping[str, float]) -> float:
@@ -513,9 +512,10 @@ def confidence_of(
     if effect == UNKNOWN:
         return math.nan
     named = [NONE] if effect == CONTACT_LAW else effect.split("+")
-    own = sum(shares.get(name, 0.0) for name in named)
     if effect in CAUSES:
         own = probability_beside_certain(effect, prints, shares, thresholds)
+    else:
+        own = sum(shares.get(name, 0.0) for name in named)
     return float(min(own, thresholds.right.get(effect, 1.0), 0.99))
 
 
