@@ -29,6 +29,7 @@ from sassgis.settings.exposure import NUMBERS_OF_KIND, OBJECT_KINDS, ObjectSetti
 from sassgis.settings.schema import Declared, declared, interval
 from sassgis.settings.settings import BarrierSettings
 from sassgis.settings.styles import (
+    ASSESSED_STYLE,
     BARRIER_STYLE,
     EDIT_STYLE,
     RELEASE_AREA_STYLE,
@@ -146,8 +147,7 @@ def site_layers() -> tuple[SiteLayer, ...]:
         *(_objects(kind) for kind in OBJECT_KINDS),
         SiteLayer("edits", "edits", edit_fields(levels, False), EDIT_STYLE),
         SiteLayer(
-            "assessed_area", "hazard", {},
-            VectorStyle(Symbol("fill", "#ffffff", opacity=0.0, outline="#222222", outline_mm=0.5)),
+            "assessed_area", "hazard", {}, ASSESSED_STYLE,
             file_keys=("assessed", "assessed_layer"),
         ),
         SiteLayer(

@@ -74,8 +74,8 @@ class MapHazard:
     curves: HazardCurves
     # Position of the level in the preset, polygon, and rows of the zone.
     zones: Sequence[tuple[int, Any, Rows]]
-    # Kind, name, geometry and rows: "open" where zones continue beyond the terrain model,
-    # "edit" by hand.
+    # Kind, name, geometry and rows: "assessed" completely, "open" where zones continue beyond the
+    # terrain model, "edit" by hand.
     marks: Sequence[tuple[str, str, Any, Rows]]
     ref_width_m: float  # of all frequencies
 
@@ -180,6 +180,7 @@ _WORDS = {
     "zones_note": "The zones as drawn. The other maps show cells.",
     "open": "Zone continues beyond the terrain model",
     "edit": "Edited by hand",
+    "assessed": "Assessed area",
     "object": "Object",
     "station": "Station",
     "wall": "Wall",

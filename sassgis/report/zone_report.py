@@ -6,6 +6,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -59,6 +60,12 @@ def curves_at(hazard: Hazard, place: int) -> dict[str, FloatArray]:
     return out
 
 
+def _rings(polygons: Sequence[Any]) -> list[FloatArray]:
+    """Return the coordinates of all outlines of polygons."""
+    rings = shapely.get_rings(shapely.get_parts(list(polygons)))
+    return [shapely.get_coordinates(ring) for ring in rings]
+
+
 def zone_figures(
     run: MapRun,
     rules: Rules,
@@ -86,11 +93,11 @@ def zone_figures(
     level, not_certain = by_stem["hazard_level"], by_stem["confidence"]
     marks = map_marks(run, map_objects(rules.placed))
     entry = {c.value: c for c in level.classes}
-    edited = shapely.get_parts([a.edit.geometry for a in hazard.edits])
     zone_marks = replace(
         marks,
         zones=[(p, entry[k]) for p, k in zip(zones.polygons, zones.classes, strict=True)],
-        edits=[shapely.get_coordinates(ring) for ring in shapely.get_rings(edited)],
+        edits=_rings([a.edit.geometry for a in hazard.edits]),
+        assessed=_rings(rules.assessed),
     )
     width = phrase("Reference width {} m.", f"{rules.ref_width_m:.4g}")
     text = (

@@ -135,6 +135,9 @@ def map_hazard(rules: Rules, found: Assessment) -> MapHazard:
             rows.append(("Governed by", phrase("{}, {} ({})", own.area, own.scenario, share)))
         zones.append((int(level) - 1, polygon, tuple(rows)))
     marks: list[tuple[str, str, Any, Rows]] = [
+        ("assessed", "", polygon, ()) for polygon in rules.assessed
+    ]
+    marks += [
         ("open", f"{facts.open_m[k]:.0f} m", facts.open_limit[k], ())
         for k in np.flatnonzero(facts.open_m > 0.0)
     ]

@@ -118,7 +118,9 @@ def zone_extras(rules: Rules, found: Assessment, done: Simulation, figures: Path
     return Extras(
         layers=maps,
         vectors=(*own, *risk, *federal),
-        groups=zone_groups(maps, own, risk, federal, preset, edits),
+        groups=zone_groups(
+            maps, own, risk, federal, preset, edits, assessed=bool(rules.assessed)
+        ),
         layouts=lambda words: zone_layouts(words, rules, found, own, risk, grid),
         figures=partial(
             zone_figures, run, rules, found, maps, figures, confidence=confidence,

@@ -376,8 +376,8 @@ class HazardSettings(Section):
     )
     assessed: Annotated[
         InputFile | None,
-        "polygons of the completely assessed area (federal model); without it the whole terrain "
-        "model counts as still to be clarified",
+        "polygons of the completely assessed area (sheets, federal model); without it the whole "
+        "terrain model counts as still to be clarified",
         Example("perimeter.gpkg"),
     ] = None
     assessed_layer: Annotated[

@@ -204,6 +204,10 @@ SINGLE_SCALE = 25_000.0
 EDIT_STYLE = VectorStyle(
     Symbol("fill", "#d01c8b", opacity=0.0, outline="#d01c8b", outline_mm=0.7, dash="dash")
 )
+#: The perimeter of what was assessed completely.
+ASSESSED_STYLE = VectorStyle(
+    Symbol("fill", "#222222", opacity=0.0, outline="#222222", outline_mm=0.6, dash="dash")
+)
 #: Where blocks came at all: thinner than any limit of a zone.
 REACHED_STYLE = VectorStyle(
     Symbol("fill", "#404040", opacity=0.0, outline="#404040", outline_mm=0.15, dash="dot")

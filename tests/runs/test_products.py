@@ -93,6 +93,8 @@ def rare(tmp_path_factory: pytest.TempPathFactory) -> Result:
 @pytest.fixture(scope="module")
 def german(tmp_path_factory: pytest.TempPathFactory) -> Result:
     case = with_everything(tmp_path_factory.mktemp("german"))
+    case.write_layer("perimeter.gpkg", [box(30.0, 0.0, 40.0, 50.0)])
+    case.set("hazard.assessed", "perimeter.gpkg")
     case.sections["project"] = {
         "language": "de", "author": "A. Muster", "contact": "hier", "rights": "frei",
         "date": "2026-01-31",
@@ -136,6 +138,7 @@ def test_sheets_show_every_return_period_and_what_lies_around(german: Result) ->
         keys = [layer.text for layer in shown]
         objects = "vector_risk_lines" if name == "Risiko" else "vector_exposed_lines"
         assert keys[:2] == ["vector_barriers", "vector_release_areas"] and objects in keys
+        assert ("vector_assessment_area_complete" in keys) == name.startswith(("Gef", "Intens"))
         words = " ".join(option.get("value", "") for option in sheet.iter("Option"))
         said = ("A. Muster", "2026-01-31", "sassgis", "hier", "frei", "Blockszenarien", "Massstab")
         assert [text for text in said if text not in words] == [], name
@@ -244,6 +247,8 @@ def test_zones_stay_on_known_terrain(made: Result) -> None:
         outside = zones.difference(terrain).area
         assert outside == pytest.approx(0.0, abs=1e-6), name
     assessed = shapely.union_all(parts(made.layer("assessment_area")))
+    if (drawn := made.case.folder / "perimeter.gpkg").exists():
+        terrain = terrain.intersection(shapely.union_all(parts(gpd.read_file(drawn))))
     assert assessed.symmetric_difference(terrain).area == pytest.approx(0.0, abs=1e-6)
 
 

@@ -164,6 +164,18 @@ def with_margin(extent: Sequence[float]) -> Bounds:
     return west - margin, south - margin, east + margin, north + margin
 
 
+def map_frame(extent: Bounds, drawn_for: float = 0.0) -> tuple[float, Bounds]:
+    """Return the scale of the sheet that shows an extent (m), and all that its map shows (m).
+
+    The extent is in the middle of the map; ``drawn_for`` is that of PrintLayout.
+    """
+    _, _, width, height = _Sheet("", 1.0).box("Map")
+    scale = max(round_scale(extent, width, height), drawn_for)
+    half_w, half_h = width * scale / 2000.0, height * scale / 2000.0
+    x, y = (extent[0] + extent[2]) / 2.0, (extent[1] + extent[3]) / 2.0
+    return scale, (x - half_w, y - half_h, x + half_w, y + half_h)
+
+
 def drawing_on_sheet(
     zones: ZoningSettings,
     sheet: SheetRules | None,
@@ -175,8 +187,8 @@ def drawing_on_sheet(
     ``sheet`` are the rules of the preset; ``metres``: reference width, spacing of the release
     points, cell.
     """
-    _, _, width, height = _Sheet("", 1.0).box("Map")
-    return zones.at_scale(round_scale(with_margin(extent), width, height)).drawing(sheet, *metres)
+    scale, _ = map_frame(with_margin(extent))
+    return zones.at_scale(scale).drawing(sheet, *metres)
 
 
 def round_length(longest: float) -> float:
@@ -287,12 +299,10 @@ def _fill_map(
     sheet: _Sheet, extent: Bounds, shown: Sequence[LayerEntry], drawn_for: float
 ) -> float:
     """Show an extent, in the middle of the map; returns the scale."""
-    item, (_, _, width, height) = sheet.items["Map"], sheet.box("Map")
-    scale = max(round_scale(extent, width, height), drawn_for)
-    half_w, half_h = width * scale / 2000.0, height * scale / 2000.0
-    x, y = (extent[0] + extent[2]) / 2.0, (extent[1] + extent[3]) / 2.0
-    sides = {"xmin": x - half_w, "ymin": y - half_h, "xmax": x + half_w, "ymax": y + half_h}
-    child(item, "Extent").attrib.update({name: repr(float(v)) for name, v in sides.items()})
+    item = sheet.items["Map"]
+    scale, frame = map_frame(extent, drawn_for)
+    sides = zip(("xmin", "ymin", "xmax", "ymax"), frame, strict=True)
+    child(item, "Extent").attrib.update({name: repr(float(v)) for name, v in sides})
     for layer in shown:
         source = {"source": layer.datasource, "provider": layer.provider}
         entry = ET.SubElement(

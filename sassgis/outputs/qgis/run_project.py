@@ -18,7 +18,7 @@ from sassgis.hazard.warnings import edit_lines, ground_warnings, sample_words
 from sassgis.inputs.dem import BASE_MAP_KEY
 from sassgis.inputs.result_folder import EDITS_FILE
 from sassgis.outputs.qgis.entries import LayerEntry, LayerGroup, without_empty
-from sassgis.outputs.qgis.layout import PrintLayout, scale_text, with_margin
+from sassgis.outputs.qgis.layout import PrintLayout, map_frame, scale_text, with_margin
 from sassgis.outputs.qgis.project import write_project
 from sassgis.settings.ground import GroundClass
 from sassgis.settings.hazard_rules import HazardPreset
@@ -28,6 +28,10 @@ from sassgis.settings.results import RasterLayer
 from sassgis.settings.settings import ProjectSettings
 
 _VECTORS = "hazard.gpkg"
+
+
+#: Part of the assessed area that is complete.
+_COMPLETE = "complete"
 
 
 _EXPOSED = ("exposed_points", "exposed_areas", "exposed_lines")
@@ -203,8 +207,13 @@ def zone_groups(
     federal: Sequence[VectorLayer],
     preset: HazardPreset,
     edits: VectorLayer | None = None,
+    *,
+    assessed: bool = False,
 ) -> tuple[LayerGroup, ...]:
-    """Return the groups of a zoning: zones, intensities, frequencies, federal layers, risk."""
+    """Return the groups of a zoning: zones, intensities, frequencies, federal layers, risk.
+
+    ``assessed``: the user stated what was assessed completely.
+    """
 
     def vectors(layers: Sequence[VectorLayer], visible: tuple[str, ...] = ()) -> list[LayerEntry]:
         return [LayerEntry(v, _VECTORS, visible=v.name in visible) for v in layers]
@@ -216,11 +225,16 @@ def zone_groups(
             if m.stem.startswith(start) or m.stem in more
         )
 
+    perimeter = [
+        LayerEntry(replace(layer, title="Assessed area"), _VECTORS, part=_COMPLETE)
+        for layer in federal if assessed and layer.name == "assessment_area"
+    ]  # fmt: skip
     groups = [
         LayerGroup(
             "Hazard",
             (
                 *([] if edits is None else [LayerEntry(edits, EDITS_FILE, though_empty=True)]),
+                *perimeter,
                 *vectors(own, ("hazard_zones", "open_limits")),
                 LayerGroup("Intensity zones", _intensity_zones(maps, federal, preset), True, False),
                 LayerGroup("Intensity maps", rasters("intensity"), True, False),
@@ -297,10 +311,15 @@ def zone_layouts(
     extent, zoned = grid.bounds, found.hazard.intensities[None].polygons
     if zoned.size:
         extent = with_margin(shapely.total_bounds(zoned).tolist())
-    words = replace(words, facts=(*words.facts, *facts), notes=notes, extent=extent)
-    lines = ["vector_edits"] if found.hazard.edits else []
-    lines += [f"vector_{layer.name}" for layer in own if layer.name == "open_limits"]
-    shown = (*lines, "vector_hazard_zones")
+    seen = shapely.box(*map_frame(extent, drawn.scale)[1])
+    assessed = shapely.union_all(rules.assessed)
+    whole = (("Assessed area", "the whole map"),) if assessed.contains_properly(seen) else ()
+    crosses = assessed.intersects(seen) and not whole
+    perimeter = [f"vector_assessment_area_{_COMPLETE}"] if crosses else []
+    words = replace(words, facts=(*words.facts, *facts, *whole), notes=notes, extent=extent)
+    limits = [f"vector_{layer.name}" for layer in own if layer.name == "open_limits"]
+    edits = ["vector_edits"] if found.hazard.edits else []
+    shown = (*edits, *limits, *perimeter, "vector_hazard_zones")
     sheets = [_sheet(words, "Hazard level", "Hazard zones, rockfall", *shown)]
     titles: dict[str, tuple[str, str]] = {
         y: (
@@ -311,7 +330,7 @@ def zone_layouts(
     }
     titles["extreme"] = "Intensity extreme event", "Intensity of rockfall, extreme event"
     for period, title in titles.items():
-        sheets.append(_sheet(words, *title, f"vector_synoptic_intensity_{period}"))
+        sheets.append(_sheet(words, *title, *perimeter, f"vector_synoptic_intensity_{period}"))
     sheets = [replace(sheet, drawn_for=drawn.scale) for sheet in sheets]
     if risk:
         around = tuple(k for k in words.layers if not k.startswith("vector_exposed"))

@@ -29,7 +29,7 @@ from sassgis.hazard.zoning.coverage import cell_polygons
 from sassgis.settings.crs import crs_parts, same_crs
 from sassgis.settings.hazard_rules import Canton, HazardLevel, HazardPreset, IntensityClass
 from sassgis.settings.map_run import Config
-from sassgis.settings.styles import FieldInfo, Symbol, VectorStyle
+from sassgis.settings.styles import ASSESSED_STYLE, FieldInfo, Symbol, VectorStyle
 
 if TYPE_CHECKING:
     from sassgis.hazard.assess import Hazard, Intensities, Rules
@@ -332,10 +332,10 @@ Row = tuple[Any, Mapping[str, Any]]
 
 _COLUMN_TYPES = {"whole": "Int32", "number": "Float64", "boolean": "bool"}
 #: Of layers without a legend of levels or intensities.
-_SYMBOLS = {
-    "assessment_area": Symbol("fill", "#ffffff", opacity=0.0, outline="#222222", outline_mm=0.5),
-    "indicative_hazard_area": Symbol(
-        "fill", "#8c510a", outline="#8c510a", outline_mm=0.3, hatch="horizontal"
+_STYLES = {
+    "assessment_area": ASSESSED_STYLE,
+    "indicative_hazard_area": VectorStyle(
+        Symbol("fill", "#8c510a", outline="#8c510a", outline_mm=0.3, hatch="horizontal")
     ),
 }
 
@@ -475,8 +475,8 @@ def federal_layer(
 
 
 def _style(name: str, legend: Sequence[HazardLevel] | Sequence[IntensityClass]) -> VectorStyle:
-    if name in _SYMBOLS:
-        return VectorStyle(_SYMBOLS[name])
+    if name in _STYLES:
+        return _STYLES[name]
     if name == "hazard_area":
         return zone_style(
             "hazard_level",

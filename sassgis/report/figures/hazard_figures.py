@@ -487,7 +487,7 @@ def _class_maps(
     values = [panel.values for panel in panels if panel.values is not None]
     seen = np.where(np.any(np.isfinite(values), axis=0), 1.0, np.nan)
     view = view_of(grid, footprint(grid, seen, all_points(marks.release)))
-    notes = [note, marks.key(), map_figure.coarse_note(view, "highest class")]
+    notes = [note, marks.key(view.box), map_figure.coarse_note(view, "highest class")]
     sheet, axes = map_figure.draw_maps(view, panels, marks, title, notes, columns=columns)
     if len(panels) == 1:
         map_figure.legend_beside(axes[0], signs, "")
@@ -598,7 +598,7 @@ def map_change_figure(
             ("After less before", change, changes),
         )
     ]
-    sheet, axes = map_figure.draw_maps(view, panels, marks, title, [marks.key()], columns=3)
+    sheet, axes = map_figure.draw_maps(view, panels, marks, title, [marks.key(view.box)], columns=3)
     below = {"location": "bottom", "shrink": 0.9}
     map_figure.colour_bar(axes[:2], panels[0], unit or "%", extend="max", **below)
     words = phrase("change ({})", phrase(unit or "percentage points"))

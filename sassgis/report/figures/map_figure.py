@@ -277,7 +277,7 @@ def map_figure(
     )
     kind = "highest class" if layer.classes else "largest value"
     notes = [
-        marks.left_out(), "" if marks.zones else coarse_note(view, kind), marks.key(),
+        marks.left_out(), "" if marks.zones else coarse_note(view, kind), marks.key(view.box),
     ]  # fmt: skip
     known = np.isfinite(view.cut(values))
     shown = replace(panel, values=None) if marks.zones else panel

@@ -17,7 +17,7 @@ from sassgis.grid import Bounds, FloatArray
 from sassgis.report.figures.style import BLUE, INK, SMALL, beside, halo, text_width_pt
 from sassgis.settings.languages import named, phrase, translated
 from sassgis.settings.results import RasterClass, thousands
-from sassgis.settings.styles import BARRIER_STYLE, EDIT_STYLE
+from sassgis.settings.styles import ASSESSED_STYLE, BARRIER_STYLE, EDIT_STYLE
 
 #: Name, kind ("station", or of a barrier) and line on the map, shape (n, 2), of a control line.
 MapControlLine = tuple[str, str, FloatArray]
@@ -34,6 +34,7 @@ _OBJECT = "#5a4632"
 #: As on the map in QGIS.
 _BARRIER = BARRIER_STYLE.symbol.colour
 _EDIT = EDIT_STYLE.symbol.outline
+_ASSESSED = ASSESSED_STYLE.symbol.outline
 #: Maps let a little of the relief through.
 LAYER_ALPHA = 0.8
 _CONTROL_LINE_LINE = {
@@ -67,13 +68,16 @@ class MapMarks:
     # From the lowest class, in place of the cells of a map of classes.
     zones: Sequence[tuple[Any, RasterClass]] = ()
     edits: Sequence[FloatArray] = ()  # outlines of what was edited by hand
+    assessed: Sequence[FloatArray] = ()  # outlines of what was assessed completely
     objects: Sequence[MapObject] = ()
     names: Sequence[MapName] = ()  # of what is drawn otherwise
 
     def draw(self, ax: Axes, box: Bounds) -> None:
         """Draw all of it on a map but the names."""
         draw_zones(ax, self.zones)
-        _outlines(ax, self.edits, _EDIT, linewidths=1.6, linestyles="--", zorder=4.5, gid="edits")
+        dashes = {"linewidths": 1.6, "linestyles": "--", "zorder": 4.5}
+        _outlines(ax, self.assessed, _ASSESSED, **dashes, gid="assessed")
+        _outlines(ax, self.edits, _EDIT, **dashes, gid="edits")
         draw_control_lines(ax, self.control_lines)
         draw_objects(ax, self.objects, box)
         if self.lines:
@@ -91,14 +95,17 @@ class MapMarks:
             names += object_names(self.objects, box)
         _write_names(ax, names, box, points_per_metre)
 
-    def key(self) -> str:
-        """Say in words what the marks are."""
+    def key(self, box: Bounds) -> str:
+        """Say in words what the marks on a map are."""
         kinds = {kind for _, kind, _ in self.control_lines}
         dimensions = {int(shapely.get_dimensions(geometry)) for _, geometry in self.objects}
         parts = {
             "black outline or triangle: release area": all_points(self.release).size,
             "thin black lines: fall lines": self.lines,
-            "dashed outline: edited by hand": self.edits,
+            "black dashes: assessed area": any(
+                shapely.LinearRing(ring).intersects(shapely.box(*box)) for ring in self.assessed
+            ),
+            "pink dashes: edited by hand": self.edits,
             "blue dashes: station": "station" in kinds,
             "green line: wall": "wall" in kinds,
             "green dots: net": "net" in kinds,
