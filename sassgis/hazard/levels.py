@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from itertools import pairwise
-from typing import Any, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,6 +20,8 @@ from sassgis.settings.hazard_rules import HazardCurves, HazardLevel, HazardPrese
 from sassgis.settings.languages import joined, phrase
 from sassgis.settings.styles import StyleClass, Symbol, VectorStyle
 
+#: What a sheet shows.
+Shown = Literal["level", "intensity", "risk"]
 #: Standard deviations beyond which neighbours do not count.
 _TRUNCATED = 2.5
 
@@ -191,17 +193,22 @@ def preset_unverified(preset: HazardPreset) -> list[str]:
     ]
 
 
-def unverified_in_short(preset: HazardPreset) -> list[str]:
-    """Return the same without the sources, for sheets: one text, or none."""
-    what = [text for own in _unverified(preset).values() for text in own]
+def unverified_in_short(preset: HazardPreset, shown: Shown = "level") -> list[str]:
+    """Return what of it decides a sheet, without the sources: one text, or none."""
+    what = [text for own in _unverified(preset, shown).values() for text in own]
     text = "Preset {}, unverified: {}. See the report."
     return [phrase(text, preset.name, joined(", ", what))] if what else []
 
 
-def _unverified(preset: HazardPreset) -> dict[str, list[str]]:
-    """Return unverified values by the text of their source, each in words."""
+def _unverified(preset: HazardPreset, shown: Shown = "level") -> dict[str, list[str]]:
+    """Return unverified values by the text of their source, each in words.
+
+    Those of all rules, which decide the level; or those that decide intensities, or risk.
+    """
     periods = ", ".join(f"{t:g}" for t in preset.return_periods)
     values = [(phrase("intensity {}", phrase(c.label)), c.provenance) for c in preset.intensities]
+    if shown == "risk":
+        return _by_source(values)
     values.append((phrase("return periods {} years", periods), preset.return_period_provenance))
     if preset.rarest_provenance is not None:
         beyond = phrase("no level beyond {} years", f"{preset.rarest_years:g}")
@@ -213,6 +220,8 @@ def _unverified(preset: HazardPreset) -> dict[str, list[str]]:
             f"{preset.sheet.area_mm2:g}",
         )
         values.append((least, preset.sheet.provenance))
+    if shown == "intensity":
+        return _by_source(values)
     values += [(phrase("level {}", phrase(c.label)), c.provenance) for c in preset.levels]
     by_source = _by_source(values)
     for source, text in _unverified_fields(preset).items():

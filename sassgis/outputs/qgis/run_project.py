@@ -13,7 +13,7 @@ from sassgis.files.plain_file import seen_from
 from sassgis.files.vector_layer import VectorLayer
 from sassgis.grid import Bounds, Grid
 from sassgis.hazard.assess import Assessment, Rules
-from sassgis.hazard.levels import unverified_in_short, zone_style
+from sassgis.hazard.levels import Shown, unverified_in_short, zone_style
 from sassgis.hazard.warnings import edit_lines, ground_warnings, sample_words
 from sassgis.inputs.dem import BASE_MAP_KEY
 from sassgis.inputs.result_folder import EDITS_FILE
@@ -295,19 +295,19 @@ def zone_layouts(
     """Return the sheets of a zoning: hazard level, intensity by return period, risk."""
     preset, drawn = rules.preset, found.drawing
     least = scale_text(drawn.scale), f"{drawn.width_m:g}", f"{drawn.area_m2:g}"
-    facts = (
+    facts: tuple[tuple[str, str], ...] = (
+        *words.facts,
         ("Onset frequencies", onset_words(rules)),
         ("Rules", preset.title),
         ("Reference width", f"{rules.ref_width_m:.4g} m"),
-        ("Zones drawn for", phrase("1:{}; least width {} m, least area {} m²", *least)),
     )
-    notes = (
-        sample_words(found.hazard.chances, preset),
-        "Hazard depends on the onset frequencies stated by the user.",
-        *unverified_in_short(preset),
-        *words.notes,
-        *edit_lines(found.hazard.edits),
-    )
+
+    def notes(shown: Shown) -> tuple[str, ...]:
+        onset = "Hazard depends on the onset frequencies stated by the user."
+        return (onset, *unverified_in_short(preset, shown), *words.notes)
+
+    sample = sample_words(found.hazard.chances, preset)
+    of_levels = (sample, *notes("level"), *edit_lines(found.hazard.edits))
     extent, zoned = grid.bounds, found.hazard.intensities[None].polygons
     if zoned.size:
         extent = with_margin(shapely.total_bounds(zoned).tolist())
@@ -316,11 +316,16 @@ def zone_layouts(
     whole = (("Assessed area", "the whole map"),) if assessed.contains_properly(seen) else ()
     crosses = assessed.intersects(seen) and not whole
     perimeter = [f"vector_assessment_area_{_COMPLETE}"] if crosses else []
-    words = replace(words, facts=(*words.facts, *facts, *whole), notes=notes, extent=extent)
+    size = phrase("1:{}; least width {} m, least area {} m²", *least)
+    zones = replace(
+        words, facts=(*facts, ("Zones drawn for", size), *whole), notes=notes("intensity"),
+        extent=extent, drawn_for=drawn.scale,
+    )  # fmt: skip
     limits = [f"vector_{layer.name}" for layer in own if layer.name == "open_limits"]
     edits = ["vector_edits"] if found.hazard.edits else []
     shown = (*edits, *limits, *perimeter, "vector_hazard_zones")
-    sheets = [_sheet(words, "Hazard level", "Hazard zones, rockfall", *shown)]
+    levels = replace(zones, notes=of_levels)
+    sheets = [_sheet(levels, "Hazard level", "Hazard zones, rockfall", *shown)]
     titles: dict[str, tuple[str, str]] = {
         y: (
             phrase("Intensity {} years", y),
@@ -330,13 +335,12 @@ def zone_layouts(
     }
     titles["extreme"] = "Intensity extreme event", "Intensity of rockfall, extreme event"
     for period, title in titles.items():
-        sheets.append(_sheet(words, *title, *perimeter, f"vector_synoptic_intensity_{period}"))
-    sheets = [replace(sheet, drawn_for=drawn.scale) for sheet in sheets]
+        sheets.append(_sheet(zones, *title, *perimeter, f"vector_synoptic_intensity_{period}"))
     if risk:
         around = tuple(k for k in words.layers if not k.startswith("vector_exposed"))
         shown = tuple(f"vector_{layer.name}" for layer in risk)
-        words = replace(words, layers=around)
-        sheets.append(_sheet(words, "Risk", "Risk of rockfall", *shown))
+        objects = replace(words, facts=facts, notes=notes("risk"), extent=extent, layers=around)
+        sheets.append(_sheet(objects, "Risk", "Risk of rockfall", *shown))
     return tuple(sheets)
 
 
