@@ -147,7 +147,7 @@ def _zoned(config: Path, out: Path, as_json: bool, given: Mapping[str, Any]) -> 
     with at_work(given) as how:
         result = make_zones(_with_draws(config, how), out, **how)
     hazard, zones = result.found.hazard, int(result.found.hazard.levels.polygons.size)
-    edge = edge_words(result.run.run, result.run.progress, float(hazard.facts.open_m.sum()))
+    edge = edge_words(result.run.run, result.run.progress, hazard.facts.open_limit)
     said = (
         f"{result.run.n_blocks} blocks, {zones} zones.",
         sample_words(hazard.chances, result.rules.preset), edge, _edited(hazard.edits),

@@ -12,12 +12,14 @@ from typing import Any
 
 import numpy as np
 import shapely
+from scipy import ndimage
 
 from sassgis.engine.effects.lateral_deflection import LateralDeflection
-from sassgis.grid import IntArray
+from sassgis.grid import Grid, IntArray
 from sassgis.hazard.levels import preset_unverified
 from sassgis.hazard.sampling_error import LevelChances
 from sassgis.hazard.zoning.applied_edits import AppliedEdit, shares_text
+from sassgis.hazard.zoning.coverage import cell_polygons
 from sassgis.settings.blocks import EffectSettings
 from sassgis.settings.ground import GroundClass, Trust
 from sassgis.settings.hazard_rules import BlockBudget, HazardPreset
@@ -263,22 +265,44 @@ def sample_words(chances: LevelChances, preset: HazardPreset) -> str:
     return phrase(text, f"{100 * chances.changed_share:.1f}", joined(", ", levels))
 
 
-def edge_words(run: MapRun, progress: Progress, open_m: float) -> str:
-    """State that blocks were lost at the edge of the terrain; empty without any.
+def edge_words(run: MapRun, progress: Progress, open_limit: Iterable[Any]) -> str:
+    """State that blocks were lost at the edge of the terrain or in gaps of it; empty without any.
 
-    ``open_m`` is the length over which zones continue there (m).
+    ``open_limit`` are the lines where zones end there (shapely).
     """
     # On fall lines blocks are lost at the ends of these, too.
     if not run.followed or not progress.lost_share:
         return ""
+    limit = shapely.union_all(list(open_limit))
+    gaps, length = _open_gaps(run.grid, limit)
+    open_m = limit.length - sum(length)
     lost = short(100.0 * progress.lost_share)
-    if open_m <= 0.0:
-        return phrase("{} % of the blocks left the terrain model. No zone ends at its edge.", lost)
-    text = (
-        "{} % of the blocks left the terrain model. Along {} m of its edge zones continue beyond "
-        "it, where nothing was computed. Extend the terrain model."
+    said: Phrase = phrase(
+        "{} % of the blocks left the terrain model. No zone ends at its edge.", lost
     )
-    return phrase(text, lost, f"{open_m:.0f}")
+    if open_m >= 0.5:
+        text = (
+            "{} % of the blocks left the terrain model. Along {} m of its edge zones continue "
+            "beyond it, where nothing was computed. Extend the terrain model."
+        )
+        said = phrase(text, lost, f"{open_m:.0f}")
+    if not gaps:
+        return said
+    one = "Zones end at a gap in the terrain model. Fill the gap at E, N {}."
+    several = "Zones end at gaps in the terrain model. Fill the gaps at E, N {}."
+    places = [f"{gap.centroid.x:.0f}, {gap.centroid.y:.0f}" for gap in gaps]
+    return joined(" ", (said, counted(len(gaps), one, several, "; ".join(places))))
+
+
+def _open_gaps(grid: Grid, limit: Any) -> tuple[list[Any], list[float]]:
+    """Return gaps inside the terrain at which zones end, and how long the limit is at each (m)."""
+    known = np.isfinite(grid.values)
+    gaps = cell_polygons(ndimage.binary_fill_holes(known) & ~known, grid)
+    # Sides of cells, whose coordinates may differ by rounding.
+    around = shapely.buffer(gaps, 0.1 * grid.cell_size)
+    length = shapely.length(shapely.intersection(around, limit))
+    open_ = length > 0.5 * grid.cell_size
+    return list(gaps[open_]), length[open_].tolist()
 
 
 def zone_warnings(

@@ -108,7 +108,7 @@ def zone_extras(rules: Rules, found: Assessment, done: Simulation, figures: Path
     levels = level_table(preset, found)
     energies = hazard.curves.energies_kj
     on_objects = levels_of(rules.placed, hazard.levels, preset, hazard.sampled, energies)
-    edge = edge_words(run, done.progress, float(hazard.facts.open_m.sum()))
+    edge = edge_words(run, done.progress, hazard.facts.open_limit)
     ground = ground_words(ground_shares(run, done.progress.sums.cells))
     assumed = (("Onset frequencies", onset_words(rules)), ("Ground classes", ground))
     sheets = partial(

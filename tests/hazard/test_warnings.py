@@ -16,6 +16,7 @@ from sassgis.hazard.sampling_error import LevelChances
 from sassgis.hazard.warnings import (
     SetUp,
     assessed_warnings,
+    edge_words,
     ground_warnings,
     path_warnings,
     rule_warnings,
@@ -103,3 +104,23 @@ def test_zones_beyond_the_assessed_area_are_told() -> None:
         "50 m² of the zones (50 %) lie outside the area of hazard.assessed."
     ]
     assert not assessed_warnings([zone], ()) and not assessed_warnings([half], (zone,))
+
+
+def test_where_zones_end_at_a_gap_it_is_to_be_filled() -> None:
+    grid = grid_of(rough, 20, 20, 2.0, west=0.0, north=40.0)
+    grid.values[10:12, 10:12] = np.nan
+    grid.values[15:, 18:] = np.nan
+    run: Any = SimpleNamespace(followed=True, grid=grid)
+    progress: Any = SimpleNamespace(lost_share=0.1)
+    gap = shapely.LineString([(20.0, 20.0), (20.0, 16.0)])
+    edge = shapely.LineString([(36.0, 10.0), (36.0, 0.0), (20.0, 0.0)])
+    both, inner, outer, none = (edge_words(run, progress, own) for own in (
+        [gap, edge], [gap], [edge], []))  # fmt: skip
+    assert all(
+        ("at E, N 22, 18." in text) == filled
+        for text, filled in ((both, True), (inner, True), (outer, False), (none, False))
+    )
+    assert all(
+        ("26 m" in text and "Extend" in text) == open_
+        for text, open_ in ((both, True), (inner, False), (outer, True), (none, False))
+    )
