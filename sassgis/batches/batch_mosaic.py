@@ -539,7 +539,7 @@ def _zones(mosaic: Mosaic, areas: Sequence[Reached], shapes: Shapes) -> list[Vec
     run = replace(mosaic.run, grid=grid)
     # Zones ask for nothing between the classes of intensity.
     energies = np.array(rules.preset.thresholds_kj)
-    # Zones with walls and nets are drawn within those without.
+    # Zones with barriers are drawn within those without.
     total = added_up(compared_run(config, run), box, areas, mosaic.bins, only_energies_kj=energies)
     sampled, without = _sources(run, areas, total, shapes)
     found = assess(

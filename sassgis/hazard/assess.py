@@ -335,7 +335,7 @@ class Rules:
     zones: Drawing
     ref_width_m: float  # reference width of all frequencies (m): one cell or more
     notices: tuple[str, ...]  # warnings of the readers
-    edits: tuple[Edit, ...] = ()  # of the zones with the walls and nets there are
+    edits: tuple[Edit, ...] = ()  # of the zones with the barriers there are
     assessed: tuple[Any, ...] = ()  # shapely polygons: what was assessed completely
     in_part: bool = False  # whether maps are made part by part: sampling_error.level_chances
 
@@ -344,7 +344,7 @@ class Rules:
 class Assessment:
     """Result of zoning."""
 
-    hazard: Hazard  # with the walls and nets there are
+    hazard: Hazard  # with the barriers there are
     without: Hazard | None  # without them; None if there are none or not wanted
     # Intensities of each single release area; empty unless asked for.
     by_area: dict[str, Intensities]
@@ -410,7 +410,7 @@ def assess(
 ) -> Assessment:
     """Assess hazard and risk from the counts of a simulation.
 
-    ``without`` are the same sources without walls and nets; ``by_source`` asks for zones of
+    ``without`` are the same sources without barriers; ``by_source`` asks for zones of
     intensity of each single release area. ``drawing_of`` returns the drawing for a sheet that shows
     the cells with a level; default: that of the rules.
     """

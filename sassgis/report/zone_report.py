@@ -30,7 +30,7 @@ from sassgis.settings.languages import joined, phrase
 from sassgis.settings.map_run import MapRun
 from sassgis.settings.results import RasterLayer, rounded, thousands
 
-BARRIERS_TITLE = "Effect of walls and nets"
+BARRIERS_TITLE = "Effect of barriers"
 #: Over what rows of the table of risk are summed.
 _SCOPES = {
     "whole": "whole object", "kind": "kind of object", "source": "release area and scenario",
@@ -154,8 +154,8 @@ def zone_figures(
             levels = raster(grid, one.chances.places, one.chances.level)
             drawn = np.where(levels == 0, np.nan, levels).astype(np.float32)
             both.append(replace(level, bands=(replace(level.bands[0], values=drawn),)))
-        names = ("Without walls and nets", "With walls and nets")
-        text = "Hazard level of the cells without and with walls and nets, from the same blocks."
+        names = ("Without barriers", "With barriers")
+        text = "Hazard level of the cells without and with barriers, from the same blocks."
         add(
             "barriers",
             BARRIERS_TITLE,
@@ -298,7 +298,7 @@ def level_table(preset: HazardPreset, found: Assessment) -> ReportTable:
         columns += "; area as computed | m²"
         cells.append(areas(found.hazard.computed))
     if found.without is not None:
-        columns += "; area without walls and nets | m²"
+        columns += "; area without barriers | m²"
         cells.append(areas(found.without.levels))
     return table_of(
         "Hazard zones",
@@ -330,7 +330,7 @@ def _design_table(
         title,
         (*columns, *((phrase("exceeded once in {} years", t), unit) for t in years)),
         rows,
-        "Without walls and nets. Onset frequencies weight release areas and block scenarios. The "
+        "Without barriers. Onset frequencies weight release areas and block scenarios. The "
         "limits cover the sampling error. A dash means that blocks arrive less often. Heights are "
         "those of the centre of the block above its height at rest (half the block). Add the "
         "height of the whole block and the freeboard. See tables/design.csv for the number of "
@@ -343,8 +343,8 @@ def _risk_table(risk: RiskTable, without: RiskTable | None, money: str) -> Repor
         "what; sum over; hits | 1/year; loss | money; standard error of the loss, at most | "
         "money; deaths | 1/year; standard error of the deaths, at most | 1/year; largest "
         "individual risk | 1/year"
-        + ("" if without is None else "; loss without walls and nets | money; "
-           "deaths without walls and nets | 1/year")
+        + ("" if without is None else "; loss without barriers | money; "
+           "deaths without barriers | 1/year")
     )  # fmt: skip
     before = {} if without is None else {(t["scope"], t["name"]): t for t in total_rows(without)}
     rows = []

@@ -100,7 +100,7 @@ def zone_extras(rules: Rules, found: Assessment, done: Simulation, figures: Path
     if found.risk is not None:
         bare = None
         if without is not None:
-            # Heights are those of the maps, with walls and nets.
+            # Heights are those of the maps, with barriers.
             bare = values_at_objects(done, without.sampled, periods, heights=False)
         risk = risk_vectors(found.risk, rules.placed, grid.crs, currency, values)
         frames |= risk_tables(found.risk, found.risk_without, currency, (values, bare))

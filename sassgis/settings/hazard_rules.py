@@ -371,9 +371,7 @@ class HazardSettings(Section):
         Example(60.0),
     ] = None
     by_source: Annotated[bool, "also write intensities for each release area"] = True
-    compare_barriers: Annotated[bool, "also make the zones without walls and nets, and compare"] = (
-        True
-    )
+    compare_barriers: Annotated[bool, "also make the zones without barriers, and compare"] = True
     assessed: Annotated[
         InputFile | None,
         "polygons of the completely assessed area (sheets, federal model); without it the whole "

@@ -129,7 +129,7 @@ def risk_tables(
     currency: str,
     values: tuple[ObjectValues | None, ObjectValues | None] = (None, None),
 ) -> dict[str, pd.DataFrame]:
-    """Return tables of a run with walls and nets, and those of ``without`` them if any."""
+    """Return tables of a run with barriers, and those of ``without`` them if any."""
     frames = risk_frames(table, currency, values[0])
     if without is not None:
         before = risk_frames(without, currency, values[1])

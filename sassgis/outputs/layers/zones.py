@@ -174,8 +174,8 @@ def change_table(
 
 
 def without_barriers(layer: VectorLayer) -> VectorLayer:
-    """Return the zones of a run without walls and nets, under a separate name."""
-    return replace(layer, name="hazard_zones_without", title="Hazard zones without walls and nets")
+    """Return the zones of a run without barriers, under a separate name."""
+    return replace(layer, name="hazard_zones_without", title="Hazard zones without barriers")
 
 
 def edits_layer(applied: Sequence[AppliedEdit], preset: HazardPreset, crs: str) -> VectorLayer:

@@ -403,7 +403,7 @@ def protection_figure(
     ax = figure.add_subplot(grid[:, 0])
     least = 1.0 / max(return_periods_years) / _RARER
     for curve, colour, name in (
-        (before, style.BLUE, "arriving, without walls and nets"),
+        (before, style.BLUE, "arriving, without barriers"),
         (behind, style.VERMILION, "passing the barrier"),
     ):
         if curve is None:
