@@ -171,7 +171,7 @@ class Hazard:
 
     @property
     def changed_share(self) -> float:
-        """Return the area whose level another sample would change, over that with a level."""
+        """Return the area on which another sample differs, over that with a level."""
         return self.chances.changed_share
 
     @property

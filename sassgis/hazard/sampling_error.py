@@ -58,12 +58,21 @@ class LevelChances:
 
     @property
     def changed_share(self) -> float:
-        """Return the expected area whose level would change, over the area that has a level.
+        """Return the expected area on which two samples differ, over the area that has a level.
 
+        The sum of the shares of the levels, weighted by their areas, and of what is newly zoned.
         Above 1 where more changes than has a level; 0 without any.
         """
+        return self._of_zoned(self.changed)
+
+    @property
+    def newly_zoned_share(self) -> float:
+        """Return the expected area without a level that gets one, over the area that has one."""
+        return self._of_zoned(self.changed[self.level == 0])
+
+    def _of_zoned(self, chance: FloatArray) -> float:
         zoned = int((self.level > 0).sum())
-        return float(self.changed.sum()) / zoned if zoned else 0.0
+        return float(chance.sum()) / zoned if zoned else 0.0
 
     @property
     def changed_by_level(self) -> FloatArray:

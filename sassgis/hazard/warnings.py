@@ -261,8 +261,12 @@ def sample_words(chances: LevelChances, preset: HazardPreset) -> str:
         phrase("{} {} %", phrase(level.label), f"{100 * share:.1f}")
         for level, share in shares if not math.isnan(share)
     ][::-1]  # fmt: skip
-    text = "With another random seed, {} % of the zoned area changes level; by level: {}."
-    return phrase(text, f"{100 * chances.changed_share:.1f}", joined(", ", levels))
+    text = (
+        "With another random seed, {} % of the zoned area changes level; by level: {}; newly zoned "
+        "(share of the zoned area): {} %."
+    )
+    whole, new = (f"{100 * s:.1f}" for s in (chances.changed_share, chances.newly_zoned_share))
+    return phrase(text, whole, joined(", ", levels), new)
 
 
 def edge_words(run: MapRun, progress: Progress, open_limit: Iterable[Any]) -> str:

@@ -148,6 +148,7 @@ def zone_extras(rules: Rules, found: Assessment, done: Simulation, figures: Path
             "confidence": confidence,
             "changed_share": round(hazard.changed_share, 4),
             **_changed_by_level(hazard, preset),
+            "newly_zoned_share": round(hazard.chances.newly_zoned_share, 4),
             "uncertain_share": round(hazard.uncertain_share, 4),
             "left_terrain_share": round(done.progress.lost_share, 4),
             "repetitions": run.repetitions,

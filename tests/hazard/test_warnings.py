@@ -96,6 +96,15 @@ def test_what_stays_uncertain_is_told_beyond_the_limit_only() -> None:
     (text,) = zone_warnings(chances, swiss(), BlockBudget(0.05))
     assert "4.0 % of the zoned area changes level" in text and "limit of 5 %" in text
     assert "slight 40.0 %, residual 0.0 %" in text and "moderate" not in text
+    # Four places without a level: one of them gets one in half of the samples.
+    more = np.repeat([[1.0, 0.0, 0.0, 0.0, 0.0, 0.0]], 4, axis=0)
+    more[3, 1] = 0.5
+    level, at_least = np.append(level, [0] * 4).astype(np.int16), np.vstack([at_least, more])
+    chances = LevelChances(np.arange(14), level, at_least)
+    assert chances.newly_zoned_share == pytest.approx(0.05)
+    cells = np.bincount(level, minlength=5)[1:]
+    of_levels = np.nansum(chances.changed_by_level * cells) / cells.sum()
+    assert chances.changed_share == pytest.approx(of_levels + 0.05)
 
 
 def test_zones_beyond_the_assessed_area_are_told() -> None:
