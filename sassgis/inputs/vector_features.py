@@ -186,8 +186,8 @@ def open_layer(
                 check_text(text, file, f"layer {name}, {field}", f"feature {number}")
             checked.add(field)
     if len(frame) == 0 and not may_be_empty:
-        expected = "at least one feature"
-        raise InputError("layer is empty", file=file, field=f"layer {name}", expected=expected)
+        found, expected = f"layer {name}, which is empty", "at least one feature, drawn and saved"
+        raise InputError("holds no feature", file=file, field=place, found=found, expected=expected)
     return frame
 
 

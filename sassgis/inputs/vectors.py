@@ -382,7 +382,13 @@ def assessed_area(file: Input | None, layer: str | None, grid: Grid) -> tuple[An
     if file is None:
         return ()
     field = "hazard.assessed"
-    features = read_features(file, grid, field, layer=layer, kinds=("polygon",))
+    try:
+        features = read_features(file, grid, field, layer=layer, kinds=("polygon",))
+    except InputError as error:
+        # The keys of other layers are file and layer of a section.
+        own = {f"{field}.file": field, f"{field}.layer": f"{field}_layer"}
+        key = own.get(error.field or "", error.field)
+        raise InputError(**error.parts(field=key)) from error
     if not any(share_inside(feature, grid) > 0.0 for feature in features):
         whole = shapely.GeometryCollection([feature.geometry for feature in features])
         raise outside(file, field, "the assessed area", whole.bounds, grid)

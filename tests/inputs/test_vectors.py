@@ -131,7 +131,8 @@ def test_missing_layer_lists_the_layers(refused, make_layer, slope_grid):
     pyogrio.write_dataframe(table, path.with_name("table.gpkg"), layer="numbers")
     none = path.with_name("table.gpkg")
     refused(none, "release.file", "no layer with geometry", "numbers")
-    refused(make_layer([], "empty.gpkg", layer="none"), "layer none", "empty", "at least one")
+    empty = make_layer([], "empty.gpkg", layer="none")
+    refused(empty, "release.file", "no feature", "layer none", "empty", "at least one")
 
 
 def test_missing_fields_and_unknown_scenarios(refused, make_layer):

@@ -326,16 +326,19 @@ def zone_layouts(
     shown = (*edits, *limits, *perimeter, "vector_hazard_zones")
     levels = replace(zones, notes=of_levels)
     sheets = [_sheet(levels, "Hazard level", "Hazard zones, rockfall", *shown)]
-    titles: dict[str, tuple[str, str]] = {
-        y: (
-            phrase("Intensity {} years", y),
-            phrase("Intensity of rockfall, return period {} years", y),
-        )
-        for y in (f"{years:g}" for years in preset.return_periods)
-    }
-    titles["extreme"] = "Intensity extreme event", "Intensity of rockfall, extreme event"
-    for period, title in titles.items():
-        sheets.append(_sheet(zones, *title, *perimeter, f"vector_synoptic_intensity_{period}"))
+    for years, drawn_zones in found.hazard.intensities.items():
+        title: tuple[str, str] = "Intensity extreme event", "Intensity of rockfall, extreme event"
+        period, sheet = "extreme", zones
+        if years is not None:
+            period = f"{years:g}"
+            title = (
+                phrase("Intensity {} years", period),
+                phrase("Intensity of rockfall, return period {} years", period),
+            )
+            if not drawn_zones.polygons.size:
+                none = phrase("No zones: no block arrives anywhere once in {} years.", period)
+                sheet = replace(zones, notes=(none, *zones.notes))
+        sheets.append(_sheet(sheet, *title, *perimeter, f"vector_synoptic_intensity_{period}"))
     if risk:
         around = tuple(k for k in words.layers if not k.startswith("vector_exposed"))
         shown = tuple(f"vector_{layer.name}" for layer in risk)
