@@ -303,6 +303,26 @@ def _ground_table(run: MapRun, reached: IntArray) -> ReportTable:
     )  # fmt: skip
 
 
+def block_pictures(
+    run: MapRun,
+    progress: Progress,
+    layers: Sequence[RasterLayer],
+    furthest: LinePaths | None,
+    objects: Sequence[MapObject],
+    folder: Path,
+) -> tuple[ReportFigure, ...]:
+    """Draw the maps, a profile, the run-out, and what passes stations and barriers.
+
+    ``furthest`` are the paths on the line of the block with the longest run-out.
+    """
+    maps: list[ReportFigure] = []
+    if progress.sums.cells.size:
+        maps = _pictures(run, progress, layers, furthest, objects, folder)
+    total, caption = int(progress.reasons.sum()), "First downhill passage of each block."
+    alts = {row["name"]: station_alt(row) for row in control_line_rows(progress.control_lines)}
+    return (*maps, *station_figures(progress.control_lines, total, folder, caption, alts))
+
+
 def _pictures(
     run: MapRun,
     progress: Progress,
@@ -365,27 +385,16 @@ def map_report(
     run: MapRun,
     planned: Plan,
     progress: Progress,
-    layers: tuple[RasterLayer, ...],
-    furthest: LinePaths | None,
     warnings: Sequence[str],
     facts: Mapping[str, object],
-    folder: Path,
-    objects: Sequence[MapObject],
+    pictures: Sequence[ReportFigure],
     parts: LineParts = (),
 ) -> ReportContext:
-    """Draw the figures of a run into ``folder`` and put the report together.
+    """Put the report of a run together.
 
-    ``furthest`` are the paths on the line of the block with the longest run-out. The facts are
-    those of the GeoPackage, the name "terrain_file", and "tolerance_check" if there was one.
+    The facts are those of the GeoPackage, the name "terrain_file", and "tolerance_check" if there
+    was one.
     """
-    total = int(progress.reasons.sum())
-    anything = bool(progress.sums.cells.size)
-    pictures = _pictures(run, progress, layers, furthest, objects, folder) if anything else []
-    rows = control_line_rows(progress.control_lines)
-    pictures += station_figures(
-        progress.control_lines, total, folder, "First downhill passage of each block.",
-        {row["name"]: station_alt(row) for row in rows},
-    )  # fmt: skip
     ends = joined_lines(progress.lines).end
     line_ends = table_of(
         "Ends of fall lines",

@@ -40,11 +40,17 @@ def drawn_beside(jobs: int | Workers) -> Iterator[None]:
         yield
         return
     with Processes(1) as drawers:
+        # Loading what draws takes the process as long as some figures.
+        drawers.submit(_ready)
         before = DRAWERS.set(drawers)
         try:
             yield
         finally:
             DRAWERS.reset(before)
+
+
+def _ready() -> None:
+    """Do nothing, in a process that has loaded this module then."""
 
 
 def picture(

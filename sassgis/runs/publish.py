@@ -41,7 +41,14 @@ from sassgis.outputs.qgis.layout import PrintLayout
 from sassgis.outputs.raster import write_raster
 from sassgis.report.change_report import spread_lines, spread_table
 from sassgis.report.map_page import Contribution, MapHazard, PlaceFacts, Rows, write_map_page
-from sassgis.report.map_report import Lines, map_marks, map_report, object_lines, run_lines
+from sassgis.report.map_report import (
+    Lines,
+    block_pictures,
+    map_marks,
+    map_report,
+    object_lines,
+    run_lines,
+)
 from sassgis.report.page import (
     ReportContext,
     ReportFigure,
@@ -50,7 +57,7 @@ from sassgis.report.page import (
     translated_report,
     write_report,
 )
-from sassgis.report.pictures import GIVEN_UP, drawn_beside, map_pictures
+from sassgis.report.pictures import GIVEN_UP, map_pictures
 from sassgis.report.protection_page import (
     PAGE_NAME,
     ObjectLevels,
@@ -75,7 +82,7 @@ from sassgis.simulation.checkpoint import read_rows
 from sassgis.simulation.control_lines import FORCE, LineParts
 from sassgis.simulation.map_sums import MapSums, Sample
 from sassgis.simulation.path_sample import BlockPath, paths_on_line, sample_paths
-from sassgis.simulation.workers import Workers, beside
+from sassgis.simulation.workers import beside
 
 #: Points of a curve at a line.
 _POINTS = 16
@@ -261,6 +268,27 @@ class Extras:
     parts: LineParts = ()
 
 
+@dataclass(frozen=True, slots=True)
+class BlockMaps:
+    """Maps of the blocks, and the figures that show nothing else."""
+
+    layers: tuple[RasterLayer, ...]
+    figures: tuple[ReportFigure, ...]
+
+
+def begun(work: Path, done: Simulation, placed: PlacedObjects) -> BlockMaps:
+    """Make maps of the blocks and begin to draw them, in the language of the settings."""
+    run, planned, progress = done.run, done.planned, done.progress
+    layers = block_maps(
+        done.config, run.grid, progress.sums, sample_of(run, progress), bins_of(run)
+    )
+    furthest = progress.furthest
+    shown = None if furthest is None else paths_on_line(run, planned, *furthest[1:])
+    objects = map_objects(placed)
+    drawn = block_pictures(run, progress, layers, shown, objects, work / "figures")
+    return BlockMaps(layers, drawn)
+
+
 #: All maps; the report in its language; the warnings in English.
 Published = tuple[tuple[RasterLayer, ...], ReportContext, tuple[str, ...]]
 
@@ -271,16 +299,15 @@ def publish_map(
     areas: Sequence[str] | None,
     tell: Callable[[str], None],
     extras: Extras,
-    jobs: int | Workers = 1,
+    blocks: BlockMaps,
 ) -> Published:
     """Write the result of a run on the map into a folder, in the language of the settings.
 
-    ``areas`` are the names of the release areas, if not all were run. With more than one job the
-    figures are drawn in a process next to this one.
+    ``areas`` are the names of the release areas, if not all were run.
     """
     tell("Writing the maps")
     config, run, planned, progress = done.config, done.run, done.planned, done.progress
-    layers = block_maps(config, run.grid, progress.sums, sample_of(run, progress), bins_of(run))
+    layers = blocks.layers
     q95 = {layer.stem: layer.bands[0].values for layer in layers}
     highest = {"speed_mps": q95["speed"], "height_m": q95["passing_height"]}
     warnings = (*extras.warnings, *done.warnings, *motion_warnings(run.blocks, highest))
@@ -293,7 +320,7 @@ def publish_map(
         _write_report,
         work=work,
         done=done,
-        layers=layers,
+        blocks=blocks,
         extras=extras,
         warnings=warnings,
         facts=facts,
@@ -301,7 +328,7 @@ def publish_map(
         envelope=envelope,
         paths=paths,
     )
-    with drawn_beside(jobs), beside(report, GIVEN_UP) as reported:
+    with beside(report, GIVEN_UP) as reported:
         terrain = terrain_layer(run.grid)
         for layer in (*extras.layers, *layers, terrain):
             write_raster(layer, run.grid, work / "maps")
@@ -416,7 +443,7 @@ def _write_rows(folder: Path, done: Simulation, tell: Callable[[str], None]) -> 
 def _write_report(
     work: Path,
     done: Simulation,
-    layers: tuple[RasterLayer, ...],
+    blocks: BlockMaps,
     extras: Extras,
     warnings: Sequence[str],
     facts: Mapping[str, object],
@@ -426,8 +453,6 @@ def _write_report(
 ) -> ReportContext:
     """Write report, map page and sheets of protection if any; returns what the report says."""
     config, run, planned, progress = done.config, done.run, done.planned, done.progress
-    furthest = progress.furthest
-    shown = None if furthest is None else paths_on_line(run, planned, *furthest[1:])
     named = {"terrain_file": config.dem_source.name}
     if done.tolerance is not None:
         named["tolerance_check"] = done.tolerance.sentence()
@@ -436,12 +461,9 @@ def _write_report(
         run=run,
         planned=planned,
         progress=progress,
-        layers=layers,
-        furthest=shown,
         warnings=warnings,
         facts={**facts, **named},
-        folder=work / "figures",
-        objects=objects,
+        pictures=blocks.figures,
         parts=extras.parts,
     )
     values = extras.objects or values_at_objects(done, None, ())
@@ -454,7 +476,7 @@ def _write_report(
         file=work / "map.html",
         title=config.project.name,
         run=run,
-        layers=(*extras.layers, *layers),
+        layers=(*extras.layers, *blocks.layers),
         areas=[(area.name, area.geometry, rows[area.name]) for area in run.areas],
         objects=objects,
         contributions=extras.contributions or blocks_by_source(run, progress),

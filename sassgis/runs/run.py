@@ -155,13 +155,13 @@ def run(
         simulation = simulate_job(job, place)
         drawn = drawn_ground(simulation, place, known, None, placed)
         # What writes takes longer to load than what computes: not before there is a result.
-        from sassgis.runs.publish import Extras, publish_map, with_spread
+        from sassgis.report.pictures import drawn_beside
+        from sassgis.runs.publish import Extras, begun, publish_map, with_spread
 
-        with in_language(config.project.language):
+        with in_language(config.project.language), drawn_beside(workers_asked(config, jobs)):
             extras = with_spread(Extras(placed=placed), drawn, work, simulation)
-            published = publish_map(
-                work, simulation, areas, tell, extras, workers_asked(config, jobs)
-            )
+            blocks = begun(work, simulation, placed)
+            published = publish_map(work, simulation, areas, tell, extras, blocks)
     return result_of(Path(out), simulation, published, drawn)
 
 
@@ -255,20 +255,26 @@ def write_zones(
     """Find the zones and write everything into ``work``, in the language of the configuration.
 
     ``drawn`` are the results of draws of the ground classes. ``first`` is called with the results
-    before anything is written.
+    before anything is written. With more than one job a process next to this one draws figures.
     """
     # As in sassgis.runs.run.run: loaded when there is something to write.
-    from sassgis.runs.publish import publish_map, with_spread
+    from sassgis.report.pictures import drawn_beside
+    from sassgis.runs.publish import begun, publish_map, with_spread
     from sassgis.runs.publish_zones import zone_extras
 
     tell("Drawing the zones")
-    found = assessed(rules, done)
-    if first is not None:
-        first(found)
-    with in_language(done.config.project.language):
-        extras = zone_extras(rules, found, done, work / "figures")
-        extras = with_spread(extras, drawn, work, done, rules.preset)
-        return found, publish_map(work, done, areas, tell, extras, jobs)
+    language = done.config.project.language
+    with drawn_beside(jobs):
+        with in_language(language):
+            # Their figures are drawn while this process makes the zones.
+            blocks = begun(work, done, rules.placed)
+        found = assessed(rules, done)
+        if first is not None:
+            first(found)
+        with in_language(language):
+            extras = zone_extras(rules, found, done, work / "figures")
+            extras = with_spread(extras, drawn, work, done, rules.preset)
+            return found, publish_map(work, done, areas, tell, extras, blocks)
 
 
 def assessed(rules: Rules, done: Simulation) -> Assessment:
