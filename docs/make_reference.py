@@ -86,7 +86,9 @@ _EXPLAINED = {
     "per year and metre of release line",
     "blocks.onset_above_m3": "with volume_exponent: onset_frequency counts blocks larger than this "
     "(m3)",
-    "engine.readings": "named set of [modelling assumptions](model.md#two-sets-of-readings)",
+    "engine.readings": "named set of [modelling assumptions](model.md#two-sets-of-assumptions)",
+    "engine.block": 'shape of the block; `"point"` is a [mass point](studies/point.md) and '
+    'needs another eta_max_rule than "scale"',
     "engine.eta_max_rule": "law of [impact](model.md#impact)",
     "engine.slope_variation": "whether each impact varies the slope ([impact](model.md#impact))",
     "engine.rolling_threshold": "a bounce below this share of the radius ends in a [soft "
@@ -99,7 +101,7 @@ _EXPLAINED = {
     "([outline](model.md#outline))",
     "engine.tipping": "whether a sliding block may [tip over](model.md#tipping) and roll",
     "engine.corner": "shape that hits rising ground ([concave corners](model.md#concave-corners))",
-    "engine.side_tilt_deg": "scatter of the sideways tilt at impacts ([followed "
+    "engine.side_tilt_deg": "scatter of the lateral tilt at impacts ([followed "
     "paths](model.md#followed-paths), degrees)",
     "engine.drift_deg": "scatter of the angle between path and descent ([followed "
     "paths](model.md#followed-paths), degrees)",
@@ -253,11 +255,11 @@ def page() -> str:
 
 
 def effects_table() -> list[str]:
-    """The effects, a row for each."""
-    rows = (
-        f"| [`{name}`](#{name}) | {own.summary} | {own.phase} |" for name, own in EFFECTS.items()
-    )
-    return ["| effect | what it is | phase |", "|---|---|---|", *rows]
+    """The effects by phase of the motion."""
+    phases: dict[str, list[str]] = {}
+    for name, own in EFFECTS.items():
+        phases.setdefault(own.phase, []).append(f"[`{name}`](#{name})")
+    return [f"- {phase}: {', '.join(names)}" for phase, names in phases.items()]
 
 
 #: What a cause leaves in the observations, in words of the field.
@@ -290,14 +292,11 @@ _TRACES = {
 
 def causes_table() -> list[str]:
     """The causes that the diagnosis can name, a row for each."""
-    rows = ["| cause | fingerprints | tables, any of |", "|---|---|---|"]
-    for name, cause in CAUSES.items():
-        taken = (own.tables for own in cause.statistics)
-        tables = dict.fromkeys(" + ".join(f"`{table}`" for table in own) for own in taken)
-        rows.append(
-            f"| {cause.words[0]} | {_TRACES.get(name, cause.shown_by)} | {'; '.join(tables)} |"
-        )
-    return rows
+    rows = (
+        f"| {cause.words[0]} | {_TRACES.get(name, cause.shown_by)} |"
+        for name, cause in CAUSES.items()
+    )
+    return ["| cause | fingerprints |", "|---|---|", *rows]
 
 
 #: What the page says of tables and columns in place of their descriptions.

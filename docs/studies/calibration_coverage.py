@@ -7,8 +7,7 @@ Parameters are drawn from the prior, a campaign of the model with them takes the
 observed, and is calibrated (Talts et al. 2018, arXiv:1804.06788). If intervals hold, the ranks of
 the truth among the samples of the posterior are uniform, and 80 % intervals hold 80 % of it.
 Without a site a synthetic one is made: a cliff, talus and a meadow, rocks with passages and stops.
-Takes some seconds a campaign. Writes ``results.json``; ``python docs/studies/tables.py`` puts the
-committed one into docs/calibration.md.
+Takes some seconds a campaign. Writes ``results.json``.
 """
 
 from __future__ import annotations

@@ -17,11 +17,6 @@ from study_tables import table
 
 HERE = Path(__file__).parent
 NONE = "*Not diagnosed.*"
-SIDES = ("observed", "predicted")
-#: Other forms keep what the base keeps, within a few per cent.
-UNCALIBRATED = (
-    "base", "base, shortest axis in the plane", "base on debris", "base on rock",
-)  # fmt: skip
 
 
 def results(case: str) -> dict[str, Any]:
@@ -44,24 +39,6 @@ def number(value: float | None, digits: int = 3) -> str:
 def metres(value: float | None) -> str:
     """To the decimetre."""
     return "–" if value is None else f"{value:.1f}".replace("-0.0", "0.0").replace("-", "−")
-
-
-def untuned(case: str) -> str:
-    """Observed and predicted stops by group."""
-    rows = []
-    for group, one in results(case)["untuned"].items():
-        run_out, lateral = one["runout_m"], one["aside_m"]
-        sides = (f"{metres(q[0])} to {metres(q[2])}" for q in map(lateral.get, SIDES))
-        rows.append(
-            f"{group} ({one['rocks']}) | {' | '.join(quantiles(run_out[s]) for s in SIDES)} | "
-            f"{gap(run_out['gap'], run_out['ci95'])} | {' | '.join(sides)} | "
-            f"{gap(lateral['gap'], lateral['ci95'])}"
-        )
-    return table(
-        "rocks | run-out observed, 10 / 50 / 90 % (m) | predicted | gap of the mean (95 %) | "
-        "lateral offset observed, 10 to 90 % | predicted | gap of the mean (95 %)",
-        rows,
-    )
 
 
 def quantiles(values: list[float]) -> str:
@@ -87,26 +64,6 @@ def verdict(case: str) -> str:
     return table("split | rocks fitted | base | answer | confidence | confusion set", rows)
 
 
-def ladder(case: str) -> str:
-    """Rungs of each split, on rocks left out of the calibration."""
-
-    def shown(one: dict[str, Any]) -> str:
-        if one["share"] is None:
-            # Unbiased: below zero is not distinguishable from chance.
-            return number(one["distance"]) if one["distance"] > 0.0 else "chance"
-        low, high = (f"{100 * v:.0f}".replace("-", "−") for v in one["ci95"])
-        return f"{number(one['distance'])}: {100 * one['share']:.0f} % ({low} to {high})"
-
-    splits = results(case).get("splits", {})
-    cells: dict[str, dict[str, str]] = {}
-    for split, one in splits.items():
-        for r in one["ladder"]:
-            cells.setdefault(r["rung"].replace("_", " "), {})[split] = shown(r)
-    head = "energy distance: share of the gap (95 %)"
-    rows = (" | ".join([rung, *(own.get(s, "–") for s in splits)]) for rung, own in cells.items())
-    return table(" | ".join([head, *splits]), rows) if splits else NONE
-
-
 #: Numbers of the quantiles that are shown.
 MEDIAN, HIGH = 1, 2
 
@@ -126,23 +83,6 @@ def steps() -> dict[str, Any]:
     """What was added at Tschamut, step by step."""
     found: dict[str, Any] = results("tschamut")["steps"]
     return found
-
-
-def where() -> str:
-    """How far the former classes are off by distance: all rocks."""
-    units = {"run-out": "m", "speed": "m/s", "energy": "kJ", "height": "m"}
-    rows = []
-    for name, one in steps()["where"].items():
-        unit = units.get(name.split(" ")[0])
-        sides = (one[side] for side in ("observed", "simulated"))
-        shown = (f"{number(q[MEDIAN])} / {number(q[HIGH])}" for q in sides)
-        off = (percent(one["error"][k], one["ci95"][k]) for k in (MEDIAN, HIGH))
-        rows.append(" | ".join([f"{name} ({unit})" if unit else name, *shown, *off]))
-    return table(
-        "50 / 90 % of the rocks | observed | former classes | error of the median (95 %) | "
-        "error of the 90 % (95 %)",
-        rows,
-    )
 
 
 def shares() -> dict[str, dict[str, Any]]:
@@ -258,41 +198,6 @@ def left_out(case: str) -> str:
     return table(head, rows) if rows else NONE
 
 
-def contacts() -> str:
-    """Means over contacts: observed, uncalibrated, and calibrated on the contacts of other runs."""
-    used, every = (results("chant_sura")["contacts"][w] for w in ("used", "all with a spin"))
-
-    def row(name: str, *means: list[float], scores: tuple[float | None, ...]) -> str:
-        pairs = [*zip(*(mean[:4] for mean in means), strict=True)]
-        cells = [f"{number(a, 2)} ({number(b, 2)})" for a, b in pairs]
-        a, b = scores
-        cells.append("" if a is None else f"{number(a)} ({number(b)})")
-        return " | ".join([name, *cells])
-
-    none = (None, None)
-    rows = [row("observed", used["observed_mean"], every["observed_mean"], scores=none)]
-    for form in UNCALIBRATED:
-        means = (found["untuned_mean"][form] for found in (used, every))
-        rows.append(row(f"default: {form}", *means, scores=none))
-    for form in used["left_out"]:
-        both = [found["left_out"][form] for found in (used, every)]
-        scores = tuple(one["energy_score"] for one in both)
-        rows.append(row(f"held out: {form}", *(one["mean"] for one in both), scores=scores))
-    return table(" | v_t′ (m/s) | v_n′ (m/s) | ω′ (rad/s) | energy kept | energy score", rows)
-
-
-def scars() -> str:
-    """Translational energy kept in held-out impacts."""
-    rows = []
-    for form, one in results("chant_sura")["scars"]["energy_kept_left_out"].items():
-        chosen = {k: v for k, v in one.items() if k not in ("energy_score", "mean")}
-        words = "; ".join(f"{k} {', '.join(number(x) for x in v)}" for k, v in chosen.items())
-        rows.append(
-            f"{form} | {number(one['mean'][4], 2)} | {number(one['energy_score'])} | {words}"
-        )
-    return table("form | energy kept, mean | energy score | chosen on the other run", rows)
-
-
 def program() -> str:
     """Answers on runs of another program, campaigns of one kind together."""
     kinds: dict[str, dict[str, list[float]]] = {}
@@ -307,7 +212,7 @@ def program() -> str:
         for kind, answers in kinds.items()
         for answer, own in answers.items()
     ]
-    return table("put on the runs | observed | answer (group) | campaigns | confidence", rows)
+    return table("added error | observed | answer (group) | campaigns | confidence", rows)
 
 
 def spread(values: list[float]) -> list[str]:
@@ -317,18 +222,15 @@ def spread(values: list[float]) -> list[str]:
 
 def both(case: str, names: tuple[str, ...]) -> dict[str, Any]:
     """Tables that cases with stops have."""
-    made = {"uncalibrated": untuned, "verdict": verdict, "ladder": ladder, "held out": left_out}
+    made = {"verdict": verdict, "held out": left_out}
     return {f"{case} {name}": partial(made[name], case) for name in names}
 
 
 TABLES = {
-    **both("tschamut", ("verdict", "ladder")),
-    **both("authume", ("uncalibrated", "verdict", "held out")),
-    "tschamut where": where,
+    **both("tschamut", ("verdict",)),
+    **both("authume", ("verdict", "held out")),
     "tschamut steps": added,
     "tschamut answers": answers,
-    "chant_sura contacts": contacts,
-    "chant_sura scars": scars,
     "authume program": program,
 }
 #: Pages with tables of field cases.

@@ -1,8 +1,7 @@
 """Put the tables of the studies into their pages.
 
 ``python docs/studies/tables.py`` rewrites what stands between ``<!-- table: NAME -->`` and
-``<!-- end -->`` in the pages of this folder, and in docs/calibration.md, from the committed CSV and
-JSON files.
+``<!-- end -->`` in the pages of this folder, from the committed CSV and JSON files.
 """
 
 from __future__ import annotations
@@ -16,7 +15,7 @@ import study_tables
 from study_tables import table
 
 HERE = Path(__file__).parent
-PAGES = (*sorted(HERE.glob("*.md")), HERE.parent / "calibration.md")
+PAGES = sorted(HERE.glob("*.md"))
 
 
 def rows_of(name: str) -> pd.DataFrame:
@@ -50,7 +49,7 @@ def discretisation() -> str:
         half = 0.5 * (own["high_95"] - own["low_95"]).max()
         rows.append(" | ".join([quantity, *map(rounded, own["value"]), f"± {rounded(half, 2)}"]))
     tolerances = " | ".join(f"{t:g}" for t in lengths.index)
-    return table(f"tolerance (m) | {tolerances} | sampling, at most", rows)
+    return table(f"tolerance (m) | {tolerances} | at most", rows)
 
 
 #: Where the modelling assumptions change most, by slope and quantity.
@@ -100,11 +99,6 @@ def metres(values: list[float]) -> str:
     return " / ".join(f"{v:.0f}" for v in values)
 
 
-def span(limits: list[float], spec: str = ".0f") -> str:
-    """An interval."""
-    return " to ".join(format(v, spec) for v in limits)
-
-
 def class_label(site: str, label: str) -> str:
     """A site and the class of its slope, ``{own}``, or that of the other site, ``{other}``."""
     own = results("field/results")["classes"]
@@ -139,23 +133,6 @@ def field_untuned() -> str:
     )
 
 
-def field_site_bands() -> str:
-    """Bands by the spread of classes between sites, beside what was observed."""
-    rows = []
-    for kind, label in (("own", "`{own}`"), ("other", "`{other}`")):
-        for name, one in results("field/results")["bands_of_classes"][kind].items():
-            cells = [class_label(name, label)]
-            for own in one.values():
-                cells += [f"{own['observed_m']:.0f}", f"{own['simulated_m']:.0f}"]
-                cells.append(f"{span(own['band_m'])}{'' if own['holds'] else ' (not held)'}")
-            rows.append(" | ".join(cells))
-    return table(
-        "site, class of the slope | median: observed (m) | simulated | 80 % band | "
-        "90 %: observed (m) | simulated | 80 % band",
-        rows,
-    )
-
-
 def field_left_out() -> str:
     """Errors on rocks left out, over random halves, and at the other site.
 
@@ -178,113 +155,6 @@ def field_left_out() -> str:
                 cells.append(percent(middle) if low == high else error_95(middle, [low, high]))
             rows.append(" | ".join([name, label, *cells]))
     return table("fitted at | scored on | median | 90 % | width", rows)
-
-
-def field_bands() -> str:
-    """How many rocks lie in the bands of their own simulations.
-
-    The configured classes have rows for rocks left out only where others were recommended.
-    """
-    found = results("field/results")
-    bands = {f"{n}, built-in classes": one["bands"] for n, one in found["built_in"].items()}
-    for name, one in found["held_out"].items():
-        own = one["bands"]
-        bands[f"{name}, calibrated, rocks left out"] = own["left_out"]
-        if own["left_out_configured"] != own["left_out"]:
-            bands[f"{name}, the same, as configured"] = own["left_out_configured"]
-    rows = []
-    for label, own in bands.items():
-        cells = [
-            f"{100 * band['inside']:.0f} % ({span([100 * v for v in band['inside_95']])})"
-            for band in own.values()
-        ]
-        cells += [f"{100 * own['0.9'][side]:.0f} %" for side in ("short", "far")]
-        rows.append(" | ".join([label, *cells]))
-    return table(
-        "site | in the 80 % band | in the 90 % band | stopped short of it | went beyond it", rows
-    )
-
-
-def field_repeated() -> str:
-    """Spread of repeated runs of one block."""
-    return table(
-        "block | runs, places | observed spread (m) | simulated (m) | "
-        "simulated, from one point (m)",
-        (
-            f"{name} | {one['runs']} from {one['places']} | {one['observed_m']:.0f} | "
-            f"{one['simulated_m']:.0f} ({span(one['simulated_95'])}) | {one['one_release_m']:.0f}"
-            for name, one in results("field/results")["repeated"].items()
-        ),
-    )
-
-
-def field_mass() -> str:
-    """How much farther a rock of twice the mass goes."""
-    rows = []
-    for name, one in results("field/results")["by_mass"].items():
-        cells = [
-            minus(f"{one[f'{side}_m']:+.1f} ({span(one[f'{side}_95'], '+.1f')})")
-            for side in ("observed", "simulated")
-        ]
-        rows.append(" | ".join([name, *cells]))
-    return table("site | observed (m) | simulated (m)", rows)
-
-
-def field_groups() -> str:
-    """Run-out by groups of rocks."""
-    return table(
-        "group | rocks | observed 10 / 50 / 90 % (m) | simulated",
-        (
-            f"{name} | {one['rocks']} | {metres(one['observed_m'])} | {metres(one['simulated_m'])}"
-            for name, one in results("field/results")["by_group"].items()
-        ),
-    )
-
-
-def field_published() -> str:
-    """What others published for the same stops."""
-    found = results("field/results")
-    rows = [
-        f"{one['site']} | {one['source'].split(' ')[0]} | {minus(one['value'])}"
-        for one in found["published"]
-    ]
-    rows += [
-        f"{name} | sassgis, built-in classes | {minus(format(one['mean_gap_m'], '+.1f'))}"
-        for name, one in found["built_in"].items()
-    ]
-    return table("site | program | mean signed error of the run-out (m)", rows)
-
-
-def field_parameters() -> str:
-    """What calibrations on all rocks of a site say of the parameters that stops show."""
-    rows = []
-    for one in results("field/results")["parameters"]:
-        notes = {"identified": one["identified"], "at a limit": one["at_limit"]}
-        said = ", ".join(note for note, there in notes.items() if there)
-        low, high = (rounded(v, 2) for v in one["ci95"])
-        if said:
-            rows.append(
-                f"{one['site']}: `{one['class']}` | `{one['parameter']}` | "
-                f"{rounded(one['configured'], 2)} | {rounded(one['value'], 2)} | {low} to {high} | "
-                f"{said}"
-            )
-    head = "site and class | parameter | shipped | best | 95 % | "
-    return table(head, rows or ["all | – | – | – | – | none identified"])
-
-
-def field_widths() -> str:
-    """Errors of the width against what turns the heading: a column for each drift."""
-    found = results("field/results")["widths"]
-    names = [name for name, own in found[0].items() if isinstance(own, dict)]
-    cells: dict[str, dict[str, str]] = {}
-    for one in found:
-        both = " / ".join(percent(one[name]["width_error"]).removesuffix(" %") for name in names)
-        cells.setdefault(f"{one['side_tilt_deg']:g}°", {})[f"{one['drift_deg']:g}°"] = both
-    drifts = list(dict.fromkeys(drift for own in cells.values() for drift in own))
-    head = [f"side tilt; {' / '.join(names)} (%)", *(f"drift {drift}" for drift in drifts)]
-    return table(
-        " | ".join(head), (" | ".join([tilt, *own.values()]) for tilt, own in cells.items())
-    )
 
 
 CONTACTS = ("r_n", "r_t", "energy_kept", "spin_share")
@@ -310,57 +180,6 @@ def contacts_filmed() -> str:
     for seen, made in zip(*found["grazing"].values(), strict=True):
         rows.append(f"780 | grazing |  | horizontal: {seen:.2f} / {made:.2f} |  | ")
     return table("kg | normal / along (m/s) | R_n | R_t | energy kept | spin / rolling", rows)
-
-
-def contacts_program() -> str:
-    """Contacts of the discrete-element program by ground and normal speed: medians."""
-    rows = []
-    for one in results("contacts/results")["by_speed"]:
-        cells = [
-            f"{one['observed'][key][1]:.2f} / {one['simulated'][key][1]:.2f}" for key in CONTACTS
-        ]
-        speeds = span(one["vn_mps"], "g")
-        rows.append(" | ".join([one["ground"], speeds, str(one["contacts"]), *cells]))
-    return table(
-        "ground | normal (m/s) | contacts | R_n | R_t | energy kept | spin / rolling", rows
-    )
-
-
-def safety_kills() -> str:
-    """What kills leave behind."""
-    return table(
-        "command | kills | with a saved state | workers left | half results | other bytes",
-        (
-            f"`{one['command']}` | {one['kills']} | {one['kept']} | {one['orphans']} | "
-            f"{one['half']} | {len(one['different'])} files"
-            for one in results("safety/kills")
-        ),
-    )
-
-
-def safety_fuzz() -> str:
-    """What readers do with damaged files: those that failed, the others together, all."""
-    found = pd.DataFrame(results("safety/fuzz")["verdicts"]).T.fillna(0).astype(int)
-    failed = found.sum(axis=1) > found["refused"] + found["read"]
-    others = found[~failed]
-    names = ", ".join(f"`{name}`" for name in others.index)
-    shown = found[failed]
-    shown = pd.concat([others.sum().rename(names).to_frame().T, shown])
-    shown.loc["all"] = found.sum()
-    rows = []
-    for kind, own in shown.iterrows():
-        bad = own.sum() - own["refused"] - own["read"]
-        rows.append(f"{kind} | {own.sum():,} | {own['refused']:,} | {own['read']:,} | {bad:,}")
-    return table("reader | files | refused in one line | read | failed", rows)
-
-
-def safety_extremes() -> str:
-    """What extreme settings do."""
-    found = results("safety/extremes")
-    names = ("profiles", "maps", "refused", "blocks", "given up", "failed")
-    counts = (found["setups"], *(found["counts"].get(name, 0) for name in names))
-    head = " | ".join(("set-ups", *names)).replace("given up", "aborted")
-    return table(head, [" | ".join(f"{n:,}" for n in counts)])
 
 
 SLOPES = {
@@ -392,20 +211,6 @@ def speed_slope() -> str:
     )
 
 
-def speed_together() -> str:
-    """Blocks per second of one area on several threads and processes."""
-    cells: dict[str, dict[str, str]] = {}
-    for name, label in SLOPES.items():
-        for one in results(f"speed/{name}")["together"]:
-            column = f"{one['workers']}: {one['count']}"
-            cells.setdefault(label, {})[column] = f"{one['rocks_per_wall_s']:,.0f}"
-    columns = list(dict.fromkeys(column for own in cells.values() for column in own))
-    return table(
-        " | ".join(["slope; blocks/s", *columns]),
-        (" | ".join([label, *(own[c] for c in columns)]) for label, own in cells.items()),
-    )
-
-
 def speed_effects() -> str:
     """What each effect costs."""
     return table(
@@ -415,26 +220,6 @@ def speed_effects() -> str:
             for name, one in results("speed/effects").items()
         ),
     )
-
-
-def speed_spots() -> str:
-    """Where the engine spends its time."""
-    found = results("speed/hot_spots")
-    parts = found["fall_line"]
-    rows = [" | ".join([p, *(f"{100 * own[p]:.0f} %" for own in found.values())]) for p in parts]
-    return table("part of the engine | fall lines | followed paths", rows)
-
-
-def speed_barriers() -> str:
-    """Processor time with and without barriers."""
-    found = results("speed/barriers")
-    seconds = found["seconds"]
-    rows = {
-        "with barriers": seconds["with"],
-        "with and without, only blocks that differ twice": seconds["both"],
-        "with and without, all blocks twice": seconds["with"] + seconds["again"],
-    }
-    return table("simulated | processor time (s)", (f"{k} | {v:.1f}" for k, v in rows.items()))
 
 
 def speed_peers() -> str:
@@ -453,33 +238,6 @@ def speed_peers() -> str:
             found = f"{one['rocks_per_s']:,.0f} | {times} | {one['median_stop_m']:.0f}"
         rows.append(f"{program} | {what[name]} | {found}")
     return table("program | rock | contact | rocks/s | sassgis makes | median stop (m)", rows)
-
-
-def speed_routed() -> str:
-    """Release cells per second."""
-    cells = 3000
-    own, routed = results("speed/plain"), results("speed/flowpy")
-    rate = own["further_trajectories_per_s"] * cells / own["rocks"]
-    return table(
-        "program | release cells/s",
-        [f"com4FlowPy {routed['version']} | {routed['cells_per_s']:.2f}", f"sassgis | {rate:,.0f}"],
-    )
-
-
-def speed_canton() -> str:
-    """A synthetic canton and parts of it."""
-    row = (
-        "{areas:,.0f} | {points:,.0f} | {rocks:,.0f} | {km2:,.0f} | {jobs:,.0f} | "
-        "{areas_cpu_s:,.0f} | {mosaic_cpu_s:,.0f} | {wall_s:,.0f} | "
-    )
-    return table(
-        "areas | points in each | blocks at a point | km² | processes | "
-        "areas, processor time (s) | maps and zones, processor time (s) | whole (s) | memory (GB)",
-        (
-            row.format_map(one) + (f"{1e-3 * one['peak_mb']:.1f}" if one["peak_mb"] else "–")
-            for one in (*results("speed/growth"), *results("speed/canton"))
-        ),
-    )
 
 
 def changed_shares(own: pd.Series[float]) -> str:
@@ -501,49 +259,6 @@ def zone_seeds() -> str:
         if own["times"] in (1, 8)
     )
     return table(f"site | blocks | {CHANGED} | changes in `compare`", rows)
-
-
-def zone_seeds_auto() -> str:
-    """The same with as many blocks as the map needs."""
-    rows = (
-        f"{own['site']} | {own['blocks']:,.0f} | {own['minutes']:.1f} min | {changed_shares(own)}"
-        for _, own in rows_of("zone_seeds/auto").iterrows()
-    )
-    return table(f"site | blocks | processor time | {CHANGED}", rows)
-
-
-def calibration_coverage() -> str:
-    """How often intervals hold the truth."""
-    rows = []
-    for one in results("calibration_coverage/results")["summary"]:
-        held = " | ".join(f"{n} ({100.0 * n / one['intervals']:.0f} %)" for n in one["held"])
-        rows.append(f"{one['parameter']} | {one['intervals']} | {held}")
-    return table("parameter | intervals | 80 % hold | 95 % hold", rows)
-
-
-def sampling() -> str:
-    """How many times less variance times time other ways of sampling need than plain sampling."""
-    found = results("sampling/sampling")
-    cells = [
-        f"cells, {100 * low:g} to {100 * high:g} %" if low else f"cells, below {100 * high:g} %"
-        for low, high in found["classes"]
-    ]
-    cells[0] = f"cells, {100 * found['classes'][0][0]:g} % and more"
-    far = [f"distance of {100 * share:g} %" for share in found["far"]]
-    spread, bounds = [], []
-    for one in found["rows"]:
-        label = f"{one['site']} | {one['design']} | {one['time']:.2f} | "
-        if one["design"] == "split at the start into 4":
-            # Of four copies the variance is s + (1 − s)/4, s: share of what is drawn at the start.
-            shares = [max(4.0 * v - 1.0, 0.0) / 3.0 for v in one["variance"]]
-            most = " | ".join(f"{1.0 / (1.0 - share):.2f}" for share in shares)
-            bounds.append(f"{one['site']} | any spreading at the start, at most | 1 | {most}")
-        elif one["design"] != "plain":
-            spread.append(label + " | ".join(f"{gain:.2f}" for gain in one["gain"]))
-    errors = zip(*(one["error"] for one in found["rows"]), strict=True)
-    largest = " | ".join(f"± {max(own):.2f}" for own in errors)
-    rows = [*spread, *bounds, f" | *standard error, at most* |  | {largest}"]
-    return table(f"terrain | sampling | time | {' | '.join([*cells, *far])}", rows)
 
 
 #: The only block of 40 kg.
@@ -583,26 +298,6 @@ def _off(one: dict[str, list[float]]) -> str:
     """How far median and 90 % are off."""
     pairs = zip(one["observed"][1:], one["simulated"][1:], strict=True)
     return " / ".join(percent(made / seen - 1.0) for seen, made in pairs)
-
-
-def kinematics_wheel() -> str:
-    """A block of 780 kg below the cliff of Chant Sura, published and simulated."""
-    found = results("kinematics/results")
-    made = found["chant_sura"]
-    rows = []
-    for name, quantity, factor in (
-        ("speed (m/s)", "translational speed", 1.0), ("spin (Hz)", "spin", 1.0 / 360.0),
-    ):  # fmt: skip
-        (seen,) = (r for r in found["published"] if r["quantity"].startswith(quantity))
-        middle, rest = seen["value"].split(" (", 1)
-        low, high = rest.split(";")[0].rstrip(")").split("-")
-        cells = ([factor * float(v) for v in (low, middle, high)], made[name.split(" ")[0]])
-        rows.append(f"{name} | {' | '.join(' / '.join(f'{v:.1f}' for v in own) for own in cells)}")
-    rim = " / ".join(f"{v:.2f}" for v in made["rim over speed"])
-    rows.append(f"spin × largest radius / speed | 0.58 to 0.80 (4 contacts) | {rim}")
-    height = " / ".join(f"{v:.1f}" for v in made["height"])
-    rows.append(f"height above that at rest (m) | about 0.8 (centre 1.2) | {height}")
-    return table("25 / 50 / 75 % of the time in the air | published | simulated", rows)
 
 
 def kinematics_slopes() -> str:
@@ -653,13 +348,9 @@ def tirol() -> str:
 TABLES = {
     made.__name__.replace("_", " "): made
     for made in (
-        discretisation, convergence, calibration_coverage, zone_seeds, zone_seeds_auto,
-        sampling, field_untuned, field_site_bands, field_left_out, field_groups,
-        field_published, field_bands, field_repeated, field_mass, field_parameters,
-        field_widths, contacts_filmed, contacts_program, safety_kills, safety_fuzz,
-        safety_extremes, speed_slope, speed_together, speed_effects, speed_spots,
-        speed_barriers, speed_peers, speed_canton, speed_routed, kinematics_tschamut,
-        kinematics_wheel, kinematics_slopes, kinematics_fan, tirol,
+        discretisation, convergence, zone_seeds, field_untuned, field_left_out,
+        contacts_filmed, speed_slope, speed_effects, speed_peers, kinematics_tschamut,
+        kinematics_slopes, kinematics_fan, tirol,
     )
 }  # fmt: skip
 

@@ -166,7 +166,7 @@ def field_figure(sites: Mapping[str, tuple[FloatArray, FloatArray, FloatArray]])
     for axes, (name, samples) in zip(
         figure.subplots(len(sites), 2, squeeze=False), sites.items(), strict=True
     ):
-        marks = ((INK, "observed"), (GREY, "readings and classes of 1986"), (BLUE, "built-in"))
+        marks = ((INK, "observed"), (GREY, "assumptions and classes of 1986"), (BLUE, "built-in"))
         for rows, (colour, label) in zip(samples, marks, strict=True):
             for ax, values in zip(axes, rows.T, strict=True):
                 share = (np.arange(values.size) + 0.5) / values.size

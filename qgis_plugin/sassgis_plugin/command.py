@@ -35,7 +35,7 @@ FLOAT = QgsProcessingParameterNumber.Double
 INTEGER = QgsProcessingParameterNumber.Integer
 POLYGONS, LINES = QgsProcessing.TypeVectorPolygon, QgsProcessing.TypeVectorLine
 ANY_GEOMETRY = QgsProcessing.TypeVectorAnyGeometry
-GO_ON = "\n\nCancelling keeps what was computed: the same call into the same folder resumes there."
+GO_ON = "\n\nCancel keeps what was computed. Run the tool again with the same folder to resume."
 
 
 def advanced(parameter):

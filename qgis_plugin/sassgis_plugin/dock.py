@@ -199,8 +199,10 @@ class SiteDock(QDockWidget):
             self.table.setItem(0, place, QTableWidgetItem(text))
         self.table.itemChanged.connect(self.refresh)
         form.addRow(self.table)
-        self._buttons(form, ("Another scenario", self._add_row), ("Remove it", self._remove_row))
-        self._buttons(form, ("Onsets from volumes ...", lambda: self._open("frequency", {})))
+        self._buttons(form, ("Add scenario", self._add_row), ("Remove scenario", self._remove_row))
+        self._buttons(
+            form, ("Onset frequencies from volumes ...", lambda: self._open("frequency", {}))
+        )
         self.spacing, self.count = QDoubleSpinBox(), QSpinBox()
         self.spacing.setRange(0.01, 10_000.0)
         self.spacing.setValue(5.0)
@@ -359,7 +361,7 @@ class SiteDock(QDockWidget):
         share = self._share or 0.0
         self.share_bar.setVisible(self._share is not None)
         self.share_bar.setValue(round(1000.0 * share))
-        self.share_bar.setFormat(f"level changed by another sample: {100.0 * share:.1f} %")
+        self.share_bar.setFormat(f"changes level with another seed: {100.0 * share:.1f} %")
         self.share_bar.setStyleSheet(
             f"QProgressBar::chunk {{ background: {_COLOURS[verdict(share)[0]]} }}"
             " QProgressBar { text-align: center; }"

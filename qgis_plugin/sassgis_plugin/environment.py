@@ -54,7 +54,7 @@ def find_python(chosen: str = "") -> list[str]:
     tried = chosen or ", ".join(" ".join(command) for command in candidates) or "none found"
     raise QgsProcessingException(
         f"no Python 3.11 or later with the modules venv and ensurepip (tried: {tried}). Install "
-        "one from python.org (Debian and Ubuntu: python3-venv) and name it as 'Python'."
+        "one from python.org (Debian and Ubuntu: python3-venv) and enter it as 'Python'."
     )
 
 
@@ -67,10 +67,10 @@ class MakeEnvironment(Algorithm):
     def shortHelpString(self):
         """Text beside the dialog."""
         return (
-            "Installs the program sassgis and its libraries into a folder of its own in your QGIS "
-            f"profile ({environment_folder()}). QGIS itself stays as it is. Needs a "
-            "Python 3.11 or later and, for the libraries, the network. Run it again to update "
-            "sassgis, or where it does not start.\n\n"
+            "Installs the program sassgis and its libraries into a folder of your QGIS profile "
+            f"({environment_folder()}). Nothing is installed into QGIS. You need Python 3.11 or "
+            "later, and the network for the libraries. Run the tool again to update sassgis, or if "
+            "sassgis does not start.\n\n"
             f"Source: a requirement for pip (sassgis=={plugin_version()}), a wheel (a file "
             "sassgis-*.whl) or a folder with the source code."
         )

@@ -7,13 +7,13 @@ from qgis.core import QgsProcessingParameterFile
 from .command import GO_ON, INTEGER, Command, advanced, box, config, file, number, passed
 
 _OBSERVATIONS = (
-    "\n\nObservations: a GeoPackage, or any of the CSV tables of a folder ('sassgis gap template "
+    "\n\nObservations: a GeoPackage, or any CSV table of their folder ('sassgis gap template "
     "FOLDER' writes empty ones)."
 )
 
 
 def _observations() -> QgsProcessingParameterFile:
-    return file("OBSERVATIONS", "Observations: GeoPackage, or a table of their folder")
+    return file("OBSERVATIONS", "Observations: GeoPackage, or one of the CSV tables")
 
 
 class _OnObservations(Command):
@@ -33,9 +33,9 @@ class Calibrate(_OnObservations):
     NAME = "calibrate"
     TITLE = "Calibrate on observations"
     HELP = (
-        "Fits the ground classes to observed stops, passages or impacts, and states what the "
-        "observations do not determine. Writes a report and a configuration that has the fitted "
-        "classes where they predict rocks left out better." + _OBSERVATIONS + GO_ON
+        "Fits the ground classes to observed stops, passages or impacts. The report states which "
+        "parameters the observations do not determine. The configuration has the fitted classes "
+        "only if they predict held-out rocks better." + _OBSERVATIONS + GO_ON
     )
 
     def _parameters(self):
@@ -50,15 +50,15 @@ class Diagnose(_OnObservations):
     TITLE = "Diagnose the gap to observations"
     WORDS = ("gap", "diagnose")
     HELP = (
-        "Where observation and simulation differ, which effect missing in the model explains it, "
-        "which explanations the data cannot distinguish, and how far the gap shrinks."
+        "Shows where simulated and observed rocks differ, which missing effect explains it, which "
+        "other causes the data allow, and how far the effect closes the gap."
         + _OBSERVATIONS
         + GO_ON
     )
 
     def _parameters(self):
         draws = number("DRAWS", "Parameter sets of each hypothesis", INTEGER, low=8)
-        calibrated = box("MAP", "Run the map with the calibrated model, too")
+        calibrated = box("MAP", "Also run the map with the calibrated model")
         return [
             config(),
             _observations(),

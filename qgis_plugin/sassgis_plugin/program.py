@@ -66,7 +66,7 @@ def what_is_missing() -> str:
         )
     return (
         f"The program sassgis is not installed ({path}). Run 'Make the environment' of the "
-        "provider sassgis in the Processing toolbox; or name a program under Settings > Options > "
+        "provider sassgis in the Processing toolbox, or enter a program under Settings > Options > "
         "Processing > Providers > sassgis."
     )
 
@@ -92,8 +92,8 @@ def check_program(feedback: QgsProcessingFeedback) -> None:
     found = said.split()[-1]
     if found != plugin_version():
         feedback.pushWarning(
-            f"sassgis {found} is installed, the plugin is of version {plugin_version()}. Where "
-            "they do not fit together, make the environment anew or update the plugin."
+            f"sassgis {found} is installed; the plugin has version {plugin_version()}. If a tool "
+            "fails, make the environment anew or update the plugin."
         )
 
 
@@ -149,7 +149,7 @@ def run(command: Sequence[object], feedback: QgsProcessingFeedback) -> list[str]
             said.append(line)
     else:
         _stop(process)
-        raise QgsProcessingException("Stopped: run the same call to resume from what is saved.")
+        raise QgsProcessingException("Stopped. Run the tool again with the same folder to resume.")
     code = process.wait()
     if code != 0:
         raise QgsProcessingException(error or f"{words[0]} ended with code {code}; {last}")

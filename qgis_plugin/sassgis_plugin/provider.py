@@ -45,7 +45,7 @@ class SassgisProvider(QgsProcessingProvider):
             Setting(
                 self.name(),
                 SETTING,
-                "Program sassgis, if not that of its own environment",
+                "Program sassgis (empty: that of 'Make the environment')",
                 "",
                 valuetype=Setting.FILE,
             )

@@ -29,7 +29,7 @@ class Compare(Command):
     GROUP = GROUP
     PARALLEL = SEEDED = False
     HELP = (
-        "Maps and states what changes from one result to another, as without and with nets: zones, "
+        "Shows what changes from one result to another, for example without and with nets: zones, "
         "energies, passing heights, objects."
     )
 
@@ -52,7 +52,7 @@ class Export(Tool):
     ANSWERS = True
     HELP = (
         "Writes zones of a result as INTERLIS 2 (federal model 166.1), or zones or paths of blocks "
-        "as GeoJSON or KML. The suffix of the file names the format."
+        "as GeoJSON or KML. The suffix of the file gives the format."
     )
 
     def _parameters(self):
@@ -60,7 +60,7 @@ class Export(Tool):
             result_folder("RESULT", "Folder of the result"),
             choice("LAYER", "What to write", ("zones", "paths"), "zones"),
             passed("--canton", QgsProcessingParameterString(
-                "CANTON", "INTERLIS: canton responsible for the data, as TI", optional=True
+                "CANTON", "INTERLIS: canton responsible for the data (TI)", optional=True
             )),
             passed("--overwrite", box("OVERWRITE", "Overwrite, unless the file was edited")),
             QgsProcessingParameterFileDestination(
@@ -93,7 +93,7 @@ class Sheets(Algorithm):
     GROUP = GROUP
     HELP = (
         "Prints the map sheets of a result (its project.qgz) as PDF files: hazard level, "
-        "intensity by return period, energy, height, reach, risk. Without a name all of them."
+        "intensity by return period, energy, height, reach, risk."
     )
 
     def flags(self):
@@ -117,7 +117,7 @@ class Sheets(Algorithm):
         wanted = self.parameterAsString(parameters, "SHEET", context)
         project = QgsProject()
         if not project.read(str(result / "project.qgz")):
-            raise QgsProcessingException(f"{result}: is no result with a project.qgz")
+            raise QgsProcessingException(f"{result}: no project.qgz in this folder")
         layouts = {own.name(): own for own in project.layoutManager().printLayouts()}
         if wanted and wanted not in layouts:
             raise QgsProcessingException(

@@ -37,7 +37,7 @@ def load_results(
     for file in projects:
         if file.is_file():
             _take_over(file, project, group)
-            feedback.pushInfo(f"{file} holds these layers too, with its sheets to print.")
+            feedback.pushInfo(f"{file} has the same layers, and map sheets to print.")
     if not group.children():
         project.layerTreeRoot().removeChildNode(group)
     broken = [node.name() for node in group.findLayers() if not node.layer().isValid()]

@@ -65,10 +65,9 @@ _COLUMNS = (
     "Name", "Least volume (m³)", "Greatest volume (m³)", "Onset frequency (blocks a year)",
 )  # fmt: skip
 _FROM_LAYERS = (
-    "\n\nGive a configuration, or a terrain model, release areas and the choices below. From "
-    "layers a configuration is written beside the result, in the folder <result>_inputs; open it "
-    "to see all choices, or to go on with it. Attributes of the layers have the names in "
-    "brackets, as 'New site' writes them."
+    "\n\nGive a configuration, or a terrain model, release areas and the settings below. From "
+    "layers the tool writes a configuration into the folder <result>_inputs; edit it to use all "
+    "settings. Layers need the attributes named in brackets; 'New site' writes such layers."
 )
 
 
@@ -80,7 +79,7 @@ def _site_parameters(width: bool) -> list[QgsProcessingParameterDefinition]:
         config("Configuration of the site (sassgis.toml), or the layers below", optional=True),
         raster("DEM", "Terrain model", optional=True),
         first,
-        choice("GROUND", "Ground class where no polygon says it", GROUND_CLASSES, "debris"),
+        choice("GROUND", "Ground class outside the polygons", GROUND_CLASSES, "debris"),
         QgsProcessingParameterMatrix(
             "SCENARIOS", "Block scenarios", 1, False, list(_COLUMNS), ["blocks", 0.5, 2.0, ""], True
         ),
@@ -88,7 +87,7 @@ def _site_parameters(width: bool) -> list[QgsProcessingParameterDefinition]:
         number("BLOCKS", "Blocks per release point", INTEGER, default=FIRST_BLOCKS, low=1),
         *(
             [
-                box("AUTO", "As many blocks as the map needs, those above at first", True),
+                box("AUTO", "As many blocks as the map needs, beginning with those above", True),
                 number(
                     "REF_WIDTH", "Reference width of all frequencies (m)", default=REF_WIDTH_M,
                     low=0.01,
@@ -193,16 +192,16 @@ class Configuration(Tool):
     TITLE = "Configuration from layers"
     GROUP = "1 Prepare a site"
     HELP = (
-        "Writes the configuration that Run and Zone make of layers, without running it: a text "
-        "file (sassgis.toml) with the lines that every site decides, and a GeoPackage."
+        "Writes the configuration that Run and Zone make from layers, and runs nothing: a text "
+        "file (sassgis.toml) with the keys that every site must decide, and a GeoPackage."
     )
 
     def _parameters(self):
         return [
             *_site_parameters(width=True)[1:],
-            box("OVERWRITE", "Replace one with other choices"),
+            box("OVERWRITE", "Replace a configuration with other settings"),
             QgsProcessingParameterFolderDestination(
-                "OUTPUT", "Folder of the result to come; the inputs go to <folder>_inputs"
+                "OUTPUT", "Folder of the later result; the inputs go to <folder>_inputs"
             ),
         ]
 
@@ -244,13 +243,13 @@ class Zone(Command):
     TITLE = "Zone: hazard levels, zones and risk"
     GROUP = GROUP
     HELP = (
-        "All that Run does, and hazard levels, intensities, zones and, with exposed objects, risk. "
-        "How far another sample of blocks would change the levels is said on top of the map "
-        "window."
+        "Makes all results of Run, and hazard levels, intensities and zones; with exposed objects "
+        "also risk. A message states the share of the zoned area that changes level with another "
+        "random seed."
         + _FROM_LAYERS
         + "\n\nFrom layers, each scenario needs its onset frequency: blocks a year from each "
-        "release area. The level depends on the reference width: choose the same for maps that are "
-        "to be compared." + GO_ON
+        "release area. The level depends on the reference width: use one width for maps that "
+        "you compare." + GO_ON
     )
 
     def _parameters(self):
@@ -302,8 +301,8 @@ class Batch(Command):
     TITLE = "Batch: zone many release areas"
     GROUP = GROUP
     HELP = (
-        "Zones each release area by itself, and all of them on one map, which is loaded. Areas "
-        "that are done are not run again." + GO_ON
+        "Zones each release area by itself, and all of them on one map. The map is loaded. "
+        "Finished areas are not run again." + GO_ON
     )
 
     def _parameters(self):
@@ -313,7 +312,7 @@ class Batch(Command):
             file("RELEASES", "Release areas, in place of those of the configuration", True),
             passed(
                 "--mosaic-only",
-                box("MOSAIC_ONLY", "No maps, zones and report of each area by itself"),
+                box("MOSAIC_ONLY", "Only the map of all areas, no files of single areas"),
             ),
             advanced(passed("--memory", memory)),
         ]
@@ -331,16 +330,16 @@ class Sensitivity(Command):
     TITLE = "Sensitivity to the ground classes"
     GROUP = GROUP
     HELP = (
-        "Varies the values of the ground classes within their ranges, and shows how levels, reach "
-        "and energy answer: which of them is worth measuring." + GO_ON
+        "Varies the values of the ground classes within their ranges. Shows how much levels, reach "
+        "and energy change, and which parameter to measure first." + GO_ON
     )
 
     def _parameters(self):
-        samples = number("SAMPLES", "Simulations that fill all ranges at once", INTEGER, 32, low=4)
+        samples = number("SAMPLES", "Simulations that vary all ranges together", INTEGER, 32, low=4)
         rocks = number("ROCKS", "Blocks of each release point", INTEGER, low=2)
         return [
             config(),
             passed("--samples", samples),
             advanced(passed("--rocks", rocks)),
-            advanced(passed("--ranges", file("RANGES", "Own ranges (CSV)", True))),
+            advanced(passed("--ranges", file("RANGES", "Your ranges (CSV)", True))),
         ]

@@ -70,9 +70,9 @@ class DemCheck(_Loads):
     WORDS = ("dem", "check")
     ANSWERS = True
     HELP = (
-        "Judges a terrain model for rockfall, item by item: coordinate system, units, holes, "
-        "resolution, steepness, terraces, spikes, pits and depressions. The cells that need a look "
-        "are a layer."
+        "Rates a terrain model for rockfall, item by item: coordinate system, units, holes, "
+        "resolution, steepness, terraces, spikes, pits and depressions. A layer has the cells "
+        "to look at."
     )
 
     def _parameters(self):
@@ -112,7 +112,7 @@ class Cliffs(_Writes):
 
     def _parameters(self):
         threshold = number(
-            "THRESHOLD", "Slope of cliffs (degrees), if not from slopes", FLOAT, low=1.0
+            "THRESHOLD", "Slope of cliffs (degrees); empty: from the slope angles", FLOAT, low=1.0
         )
         return [
             raster("DEM", "Terrain model"),
@@ -136,7 +136,7 @@ class NewSite(_Writes):
     WORDS = ("new",)
     HELP = (
         "Writes a GeoPackage with empty layers: release areas, ground, barriers, stations, forest, "
-        "exposed objects. Their forms know the choices and limits of each attribute. Run "
+        "exposed objects. Their forms offer the choices and limits of each attribute. Run "
         "and Zone take these layers as they are."
     )
 
@@ -156,8 +156,8 @@ class FromRockyfor3D(_Writes):
     WORDS = ("init",)
     KINDS, TEXT = "TOML (*.toml)", "New configuration"
     HELP = (
-        "Reads a folder of inputs of Rockyfor3D and writes a configuration with its layers; what "
-        "has no counterpart is said in the log and stands in the configuration."
+        "Reads a folder of inputs of Rockyfor3D and writes a configuration with its layers. Log "
+        "and configuration list what has no counterpart."
     )
 
     def _parameters(self):
@@ -176,8 +176,8 @@ class Validate(Tool):
     GROUP = GROUP
     ANSWERS = True
     HELP = (
-        "Reads a configuration and every file that it names as a run would; says what they are "
-        "ready for, what is missing, and what a run takes."
+        "Reads a configuration and every file that it names. States which commands can run, what "
+        "is missing, and the time and memory that a run takes."
     )
 
     def _parameters(self):
@@ -199,10 +199,10 @@ class Frequency(Tool):
 
     def _parameters(self):
         complete = number(
-            "COMPLETE", "Volume from which no block was missed (m³)", FLOAT, 0.1, low=1e-6
+            "COMPLETE", "Volume from which on no block was missed (m³)", FLOAT, 0.1, low=1e-6
         )
         limits = QgsProcessingParameterString(
-            "LIMITS", "Limits of the scenarios (m³), with commas between", "0.1,1,10"
+            "LIMITS", "Limits of the scenarios (m³), separated by commas", "0.1,1,10"
         )
         return [
             file("VOLUMES", "Table of volumes (CSV)", kinds="CSV (*.csv);;"),

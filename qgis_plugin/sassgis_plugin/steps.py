@@ -73,7 +73,7 @@ def table_problem(scenarios: Sequence[Scenario]) -> str:
     problems = [problem for own in scenarios if (problem := own.problem())]
     names = [own.name.strip() for own in scenarios]
     if not problems and len(set(names)) < len(names):
-        return "names of scenarios that differ"
+        return "a different name for each scenario"
     return problems[0] if problems else ""
 
 

@@ -305,7 +305,7 @@ GROUND_BOUNDS: Mapping[str, tuple[float, float]] = {
     "mu_0": (0.02, 2.0),
     "restitution": (0.0, 0.95),
 }
-#: Factors on the configured sideways tilt and drift of followed paths between which they are free:
+#: Factors on the configured lateral tilt and drift of followed paths between which they are free:
 #: wider, and the base follows what deflects blocks.
 SIDEWAYS_FACTORS = (1.0 / 3.0, 3.0)
 #: Rotations at stations over those of a block that turns in the plane of its path, and their

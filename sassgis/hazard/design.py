@@ -160,13 +160,13 @@ def measured_at(volume_m3: float) -> dict[str, float]:
 def size_warnings(blocks: tuple[BlockPopulation, ...]) -> list[str]:
     """Warn of scenarios with blocks larger than any whose motion was measured."""
     known = measured_motion()[-2]["volume_to_m3"]
-    beyond = [f"{own.name} ({short(own.volume_limits_m3[1])} m³)" for own in blocks
+    beyond = [f"{own.name} ({own.volume_limits_m3[1]:.3g} m³)" for own in blocks
               if own.volume_limits_m3[1] > known]  # fmt: skip
     if not beyond:
         return []
     text = (
-        "Blocks larger than any measured in motion ({} m³): {}. Their speeds and heights are "
-        "extrapolated."
+        "No block above {} m³ was measured in motion. Speeds and heights of larger blocks are "
+        "extrapolated: {}."
     )
     return [phrase(text, short(known), ", ".join(beyond))]
 

@@ -28,7 +28,7 @@ _HEAD = """\
 # Paths are relative to this file. Units are part of the names: m, m/s (mps), rad/s (radps), kg/m3
 # (kgm3), kJ (kj), degrees (deg). Where a range [low, high] is asked for, a single number will do.
 # A line that starts with "# key =" shows an optional key: with its default, or with an example if
-# it has none. Unknown keys are errors, so that a misspelt one cannot go unnoticed.
+# it has none. Unknown keys are errors.
 """
 
 

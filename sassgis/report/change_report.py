@@ -92,9 +92,12 @@ def change_report(
         ((kind, *map(named, own)) for kind, own in zip(kinds, values, strict=True)),
         "From both manifests. Inputs are compared by content.",
     )
+    chance = (
+        "Chance explains at most 5 % of this area (false discovery rate for independent samples)."
+    )
     sure = (
         change.beyond_sampling,
-        "Chance explains at most 5 % of this area (false discovery rate for independent samples).",
+        *([chance] if change.certain_m2 > 0.0 else []),
         "Results with the same seed and release points share their sample. Smaller changes are "
         "then real as well. Errors of the model, its parameters and the onset frequencies are not "
         "included.",

@@ -161,7 +161,7 @@ def _ranked(diagnosis: Diagnosis) -> ReportAnswer:
     )
     sentences: list[str] = []
     if others := verdict.rivals:
-        possible = "These data do not distinguish it from: {}."
+        possible = "Also possible: {}."
         if verdict.effect == "unknown":
             possible = "Still possible: {}."
         sentences.append(phrase(possible, effect_names(others)))

@@ -166,9 +166,9 @@ def gap_figures(case: Case, diagnosis: Diagnosis, folder: Path) -> list[ReportFi
     caption = "No gap can be placed along the fall lines."
     if first is not None and any(own.known for own in maps.values()):
         text = (
-            "{}. Lines across the slope: gap at a station. Along the fall lines: gap on that "
-            "stretch. As a rule rocks start at its top as observed there, so that errors upslope "
-            "count only once."
+            "{}. A line across the slope shows the gap at a station, a line down the slope that "
+            "on a reach. On a reach, simulated rocks usually start with the state observed at its "
+            "top. Errors from above do not count again."
         )
         caption = phrase(text, capital(words.quantity_name(first.quantity)))
     drawn = gap_map_figure(
@@ -242,9 +242,8 @@ def gap_tables(case: Case, diagnosis: Diagnosis) -> list[ReportTable]:
                 )
                 for c in diagnosis.which
             ),
-            "Score: energy score of held-out rocks; lower is better. Gain: score of the model it "
-            "is added to minus this score. Causes are added to the base model, another contact "
-            "law to the calibrated ground.",
+            "Score: energy score of held-out rocks; lower is better. Gain: reduction of the score "
+            "compared with the base model; for another contact law, with the calibrated ground.",
         ),
         table_of(
             phrase(
@@ -290,11 +289,11 @@ def _ladder_table(ladder: tuple[Rung, ...]) -> ReportTable:
             )
             for r in ladder[:-1]
         ),
-        "Each rock is compared with a model that was drawn, chosen and fitted without it. Energy "
+        "Each rock is compared with a model that was chosen and fitted without it. Energy "
         "distance: unbiased; zero on average where only chance remains; “chance”: not "
-        "distinguishable from it. Share closed: of the gap of the configured model beyond "
-        "chance; a dash: that gap may be chance. Gain: distance of the model it is added to "
-        "minus its distance; a model whose interval contains zero is not recommended.",
+        "distinguishable from zero. Share closed: part of the gap of the configured model beyond "
+        "chance; a dash: that gap may be chance. Gain: reduction of the distance compared with the "
+        "model in “added to”. A model whose interval contains zero is not recommended.",
     )
 
 
@@ -355,9 +354,9 @@ def _interval_cell(span: tuple[float, float] | None, digits: int = 3) -> str:
 def _where_table(title: str, findings: tuple[GapFinding, ...]) -> ReportTable:
     note = phrase(
         "Gap: observed minus predicted, mean over rocks. Interval: rocks resampled. p: "
-        "probability that chance makes the largest of all these gaps as large. q: false "
-        "discovery rate. Test: free run: simulated from the release; reach: from the observed "
-        "state at the top of the stretch; one step: from one observed state to the next."
+        "probability that chance makes any of these gaps as large. q: false discovery rate. Tests: "
+        "“free run” simulates from the release, “reach” from the state observed at its top, “one "
+        "step” from one observed state to the next."
     )
     if len(findings) > _ROWS:
         more = phrase("The {} most certain of {}; all are in diagnosis.json.", _ROWS, len(findings))
@@ -397,10 +396,10 @@ def _causes_table(diagnosis: Diagnosis) -> ReportTable:
             )
             for name, p in verdict.ranked.items()
         ),
-        "Share closed: of the gap that the base model with free contact leaves in means, "
-        "scatters and trends over all rocks, after the ground is recalibrated. z: standard "
-        "errors above what chance gives with the base model. Detection rate: share of strong "
-        "draws of the cause that these data would show.",
+        "Share closed: part of the gap that the cause closes after the ground is recalibrated. "
+        "The gap is that of the base model with free contact, in means, scatters and trends over "
+        "all rocks. z: standard errors above what chance gives with the base model. Detection "
+        "rate: share of strong draws of the cause that these data would show.",
     )  # fmt: skip
 
 
@@ -449,7 +448,7 @@ def _ground_table(before: GroundTable, after: GroundTable) -> ReportTable:
             rows.append((ground_name(own.name), *cells))
     return table_of(
         "Calibrated ground classes",
-        "class; η max; Δp/p least; Δp/p most; μ_f; μ_0; k; d* | m; e; v of e/2 | m/s; "
+        "class; η max; Δp/p least; Δp/p most; μ_f; μ_0; k; d* | m; e; speed at e/2 | m/s; "
         "rolling threshold; speed loss",
         rows,
         "Configured → calibrated, including the named effect, if any. Only changed classes are "

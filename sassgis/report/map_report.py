@@ -117,8 +117,8 @@ def zone_lines(
     areas = [phrase("{} {} m²", phrase(str(row[0])), sensible(row[2])) for row in levels.rows]
     hazard = found.hazard
     text = (
-        "{} The hatched cells ({} % of the zoned area, and cells beyond it) hold {} % of these "
-        "changes."
+        "{} The hatched cells cover {} % of the zoned area and some cells outside it. They hold "
+        "{} % of these changes."
     )
     shares = (f"{100 * share:.3g}" for share in (hazard.uncertain_share, confidence))
     sample = phrase(text, sample_words(hazard.chances, preset), *shares)
@@ -291,7 +291,7 @@ def _ground_table(run: MapRun, reached: IntArray) -> ReportTable:
     """Return the ground classes of the cells that blocks reach."""
     return table_of(
         "Ground classes",
-        "class; η max; Δp/p; μ_f; μ_0; k; d* | m; e; v of e/2 | m/s; rolling threshold; "
+        "class; η max; Δp/p; μ_f; μ_0; k; d* | m; e; speed at e/2 | m/s; rolling threshold; "
         "μ_v; trust; share of the ground | %",
         (
             (ground_name(c.name), c.eta_max, _span(c.dp_min, c.dp_max), c.mu_f, c.mu_0, c.k,
@@ -371,8 +371,8 @@ def _blocks_words(run: MapRun, planned: Plan, progress: Progress) -> str:
     words = counted(most, one, more, times, run.release.rocks_per_point)
     if progress.simulated < progress.reasons.sum():
         text = (
-            "{}; some points had down to an eighth of these blocks, with up to eight times the "
-            "weight"
+            "{}; down to an eighth of them at release points that hardly reach uncertain cells, "
+            "where each block counts up to 8 times"
         )
         words = phrase(text, words)
     if progress.simulated < progress.reasons.sum():
@@ -430,7 +430,8 @@ def map_report(
             ("Terrain treated as roughness", roughness),
             ("Largest vertical gap between terrain and segments",
              f"{run.terrain.segment_tolerance_m:g} m"),
-            *((("Sample at half and double this gap", str(checked)),) * (checked is not None)),
+            *((("Change of the results at half and double this gap", str(checked)),)
+              * (checked is not None)),
         ),
         warnings=tuple(warnings),
         key_results=stopping_reasons(progress.reasons),

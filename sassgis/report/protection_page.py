@@ -103,8 +103,9 @@ def exposed_table(
     rows.sort(key=lambda row: row[0])
     note = phrase(
         "All blocks that reach the object, with limits of the sampling error. Energy: largest "
-        "value of each block. Height: each block in each cell. Roads and lines: stretch with the "
-        "highest energy. A dash means that no block arrives, or that blocks arrive less often."
+        "value of each block. Height: value of each block in each cell. Roads and lines: stretch "
+        "with the highest energy. A dash means that no block arrives, or that blocks arrive less "
+        "often than once in the period."
     )
     if levels:
         more = (

@@ -139,9 +139,9 @@ def zone_figures(
         add(
             "blocks",
             "Effect of more blocks",
-            "Share of the zoned area that changes level with another random seed, after each "
-            "batch of blocks; mean of the levels where that is larger. Red line: limit "
-            "hazard.changed_share_max.",
+            "After each batch of blocks, the larger of two shares that change level with another "
+            "random seed: that of the whole zoned area, and the mean over the levels. Red line: "
+            "limit hazard.changed_share_max.",
             joined(", ", (
                 phrase("{} blocks: {} %", thousands(n), f"{100 * share:.1f}")
                 for n, share in history
@@ -331,10 +331,10 @@ def _design_table(
         (*columns, *((phrase("exceeded once in {} years", t), unit) for t in years)),
         rows,
         "Without barriers. Onset frequencies weight release areas and block scenarios. The "
-        "limits cover the sampling error. A dash means that blocks arrive less often. Heights are "
-        "those of the centre of the block above its height at rest (half the block). Add the "
-        "height of the whole block and the freeboard. See tables/design.csv for the number of "
-        "simulated blocks beyond each value.",
+        "limits cover the sampling error. A dash means that blocks arrive less often than "
+        "once in the period. Heights are those of the centre of the block above its height at rest "
+        "(half the block). Add the height of the whole block and the freeboard. See "
+        "tables/design.csv for the number of simulated blocks beyond each value.",
     )
 
 

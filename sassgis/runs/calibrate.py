@@ -129,7 +129,7 @@ def scenario_warnings(config: Config) -> tuple[str, ...]:
     """Warn that of several block scenarios only one counts."""
     if len(config.blocks) == 1:
         return ()
-    text = "Values not measured of a rock are those of the first block scenario ({})."
+    text = "Unmeasured values of a rock are those of the first block scenario ({})."
     return (phrase(text, config.blocks[0].name),)
 
 

@@ -136,7 +136,7 @@ class InputReport:
             text = f"{control_line.kind:<15}{control_line.name}"
             if control_line.kind != "station":
                 capacity = control_line.capacity_kj
-                limit = "no limit" if math.isinf(capacity) else f"{capacity:g} kJ"
+                limit = "unlimited capacity" if math.isinf(capacity) else f"{capacity:g} kJ"
                 text += f": {control_line.height_m:g} m high, {limit}"
             if control_line.kind == "gallery":
                 text += (

@@ -260,7 +260,7 @@ def _resolution(dem: RawDem) -> _Found:
         "look": [f"ledges, gullies and walls narrower than about {2.0 * cell:.3g} m are not in it"],
         "bad": ["too coarse: slopes are flattened and cliffs are missing"],
     }[verdict]
-    advice += [] if dem.in_metres else ["taken as metres: see the system above"]
+    advice += [] if dem.in_metres else ["cell sizes are taken as metres, see coordinate system"]
     advice += [] if dem.square else ["is resampled to square cells"]
     return "look" if advice and verdict == "good" else verdict, found, "; ".join(advice), numbers
 
@@ -280,7 +280,7 @@ def _steepness(slopes: FloatArray) -> _Found:
         found = f"{found}, {100.0 * shares['above_80_deg']:.1f} % above 80°"
         return "bad", found, "too steep for terrain: are heights or cells in another unit?", numbers
     if known.max() < _STEEP_DEG:
-        what = f"nothing steeper than {_STEEP_DEG:.0f}°: is it smoothed, too coarse, or the place?"
+        what = f"nothing steeper than {_STEEP_DEG:.0f}°: is the model smoothed or too coarse?"
         return "look", found, what, numbers
     return "good", found, "", numbers
 
@@ -307,7 +307,7 @@ def _terraces(dem: RawDem) -> _Found:
         parts.append(f"{100.0 * equal:.0f} % of the neighbours across slopes are equal")
     advice = (
         "take the data before they were rounded, interpolated from contour lines or repeated; "
-        "smoothing alone does not bring slopes back"
+        "smoothing does not restore the slopes"
     )
     return verdict, "; ".join(parts) or "none", "" if verdict == "good" else advice, numbers
 
@@ -322,7 +322,7 @@ def _bumps(dem: RawDem, out: FloatArray, word: str) -> _Found:
     count, top = int((out >= least).sum()), float(out.max())
     numbers: dict[str, Any] = {"cells": count, "limit_m": least, "largest_m": top}
     if not count:
-        return "good", f"none {word} by {least:.2g} m or more", "", numbers
+        return "good", f"no single cells {word} by {least:.2g} m or more", "", numbers
     x, y = _place_of_largest(dem, out)
     bad = count > max(_BUMP_COUNT, _BUMP_SHARE * out.size) or top > _BUMP_BAD_M
     found = (
@@ -358,8 +358,8 @@ def _depressions(dem: RawDem, depth: FloatArray) -> _Found:
     if top < _DEEP_M and share <= _DEPRESSION_SHARE:
         return "good", found, "", numbers
     advice = (
-        "blocks may stop there: are they real (hollows, lakes, quarries), or dammed by bridges and "
-        "trees?"
+        "blocks may stop there: keep real hollows (lakes, quarries), remove dams of bridges and "
+        "trees"
     )
     return "look", found, advice, numbers
 
@@ -388,7 +388,7 @@ def _edge_cells(dem: RawDem, beyond: list[BeyondEdge]) -> FloatArray:
 
 def _extent(dem: RawDem, far: list[BeyondEdge]) -> _Found:
     if not dem.square or dem.unit_fault:
-        return "good", "not looked at: no square cells in metres", "", {}
+        return "good", "not checked: no square cells in metres", "", {}
     what = f"energy line of {ANGLE_DEG:g}° from ground above {_CLIFF_DEG:g}°"
     numbers = {"angle_deg": ANGLE_DEG, "beyond_m": {own.side: own.distance_m for own in far}}
     if not far:
@@ -396,7 +396,7 @@ def _extent(dem: RawDem, far: list[BeyondEdge]) -> _Found:
         return "good", text, "", numbers
     sides = ", ".join(f"{own.where} {own.distance_m:.0f} m" for own in far)
     advice = (
-        "blocks that leave the model are lost: get more terrain there, if they are released so "
-        "near; sassgis validate knows where they are"
+        "blocks that leave the model are lost: extend it where blocks are released near the "
+        "edge; sassgis validate checks your release areas"
     )
-    return "look", f"{what} goes on beyond the model: {sides}", advice, numbers
+    return "look", f"{what} ends beyond the model: {sides}", advice, numbers

@@ -177,7 +177,12 @@ def line_facts(
         for years in periods_years:
             values = (value_at_rate(own, 1.0 / years) for own in (energy, height))
             texts = ["–" if math.isnan(v) else sensible(v) for v in values]
-            rows.append((phrase("{} years", f"{years:g}"), phrase("{} kJ, {} m high", *texts)))
+            rows.append(
+                (
+                    phrase("once in {} years", f"{years:g}"),
+                    phrase("{} kJ, passing height {} m", *texts),
+                )
+            )
         if line.kind == "gallery":
             force = arrivals(with_barriers, i, FORCE)
             # Blocks that do not land on the roof lie in the first bin.

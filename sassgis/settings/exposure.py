@@ -250,7 +250,7 @@ class RiskSettings(Section):
         "table (CSV) with columns kind, intensity, vulnerability, lethality, source",
         Example("vulnerability.csv"),
     ] = None
-    currency: Annotated[Text, MaxLen(12), "of all values"] = "CHF"
+    currency: Annotated[Text, MaxLen(12), "currency of all values"] = "CHF"
 
 
 @checked(frozen=True, slots=True)
@@ -275,7 +275,9 @@ class ObjectSettings(Section):
         "length of the stretches into which roads and lines are cut (m)",
     ] = 50.0
     radius_m: Annotated[
-        float, Interval(ge=0, le=1000), "of the ground that people given as points take up (m)"
+        float,
+        Interval(ge=0, le=1000),
+        "radius of the ground that people given as points take up (m)",
     ] = 0.0
     value: Annotated[
         Amount | None, "value that a hit of vulnerability 1 destroys; buildings", Example(500000.0)
@@ -304,9 +306,9 @@ class ObjectSettings(Section):
         PerDay | None, "vehicles a day, both directions; roads", Example(1000.0)
     ] = None
     traffic_per_day_field: FieldName = None
-    speed_kmh: Annotated[
-        SpeedKmh | None, "at which vehicles drive (km/h); roads", Example(50.0)
-    ] = None
+    speed_kmh: Annotated[SpeedKmh | None, "speed of the vehicles (km/h); roads", Example(50.0)] = (
+        None
+    )
     speed_kmh_field: FieldName = None
     vehicle_length_m: Annotated[
         VehicleLength | None, "mean length of a vehicle (m); roads", Example(5.0)

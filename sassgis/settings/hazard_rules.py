@@ -333,22 +333,21 @@ class HazardSettings(Section):
         float | None,
         Interval(gt=0, le=1000),
         "reference width of all frequencies (m): a block counts for a place if its centre comes "
-        "within half of it, so block plus exposed object; one cell or more; sassgis zone and "
-        "batch need it",
+        "within half of it; choose the width of block plus exposed object, one cell or more; "
+        "sassgis zone and batch need it",
         Example(10.0),
     ] = None
     confidence: Annotated[
         float,
         Interval(ge=0.5, le=0.9999),
-        "probability that another random seed gives a place no lower level, and likewise no "
-        "higher one, from which its level counts as certain",
+        "share of all changes of the level by another random seed that the statistically "
+        "uncertain (hatched) cells hold",
     ] = 0.95
     blocks: Annotated[
         Literal["given", "auto"],
         "number of simulated blocks; given: release.rocks_per_point at each point; auto: more, "
         "until another random seed would change the level on at most changed_share_max of the "
-        "zoned area and of the levels on average; most of them start at points from which blocks "
-        "reach places of uncertain level",
+        "zoned area and, on average, of each level",
     ] = "given"
     changed_share_max: Annotated[
         float | None,
@@ -384,7 +383,7 @@ class HazardSettings(Section):
     design_return_periods_years: Annotated[
         Several[Annotated[float, Interval(ge=1, le=10_000)]],
         MinLen(1),
-        "for the energy and height that a barrier at each station must take",
+        "return periods of the design values at stations and barriers (years)",
     ] = (30.0, 100.0, 300.0)
     canton: Annotated[
         Canton | None,
@@ -524,7 +523,7 @@ LIMIT_TEXT: Mapping[str, str] = {"": "", "at_least": "at least", "at_most": "at 
 
 @checked(frozen=True, slots=True)
 class EditSettings(Section):
-    """What experts have set by hand, kept through every run (docs/zones.md)."""
+    """Levels that an expert sets by hand; every run keeps them (docs/zones.md)."""
 
     file: Annotated[
         File | None,

@@ -134,9 +134,9 @@ class TerrainSettings(Section):
     ] = 5000.0
     path: Annotated[
         Literal["followed", "fall_line"],
-        '"followed": each block may change its direction at impacts and while it rolls, and the '
-        'terrain is flattened along its own path. "fall_line": all blocks of a release point move '
-        "on its fall line",
+        '"followed": each block changes its direction at impacts and while it rolls; the terrain '
+        'is flattened along its path. "fall_line": all blocks of a release point move on its '
+        "fall line",
     ] = "followed"
     flat_slope_deg: Annotated[
         float, Interval(ge=0, le=30), "slope below which a line tends to keep its heading (degrees)"
@@ -474,16 +474,16 @@ _READINGS: Mapping[str, Mapping[str, Any]] = {
 
 @checked(frozen=True, slots=True)
 class EngineSettings(Section):
-    """How the model is read where its paper is silent; docs/model.md says what each changes.
+    """Modelling assumptions where the paper is silent (docs/model.md).
 
     Keys without a value are as in the named set ``readings``: ``resolved`` fills them in.
     """
 
     readings: Annotated[
         Literal["hazard", "1986"],
-        'named set of readings: "hazard" for hazard work, "1986" for the words of the paper. '
-        "eta_max_rule, rolling, rolling_threshold, rolling_friction_sd, outline_edges, "
-        "outline_share, tipping and corner are as in the set unless given",
+        'named set of modelling assumptions: "hazard" for hazard work, "1986" as in the paper. It '
+        "sets eta_max_rule, rolling, rolling_threshold, rolling_friction_sd, outline_edges, "
+        "outline_share, tipping and corner, unless you give them",
     ] = "hazard"
     block: Annotated[
         Literal["ellipse", "point"],
@@ -500,8 +500,8 @@ class EngineSettings(Section):
         '"scale": no velocity is left at the contact, and what keeps more energy than η_max is '
         'scaled down to it. "coulomb": the contact slips where friction μ_f cannot hold it; then '
         'as "scale". "restitution": the contact rebounds with the coefficient of the ground class '
-        "and slips as μ_f says; besides, the ground gives the impulse (1 − η_max) × normal impulse "
-        'against its way (default: "restitution"; "1986": "scale")',
+        "and slips with friction μ_f; the ground also brakes the block by the impulse (1 − η_max) "
+        '× normal impulse (default: "restitution"; "1986": "scale")',
         Example("restitution"),
     ] = None
     slope_variation: Annotated[
@@ -572,14 +572,14 @@ class EngineSettings(Section):
     side_tilt_deg: Annotated[
         float,
         Interval(ge=0, le=45),
-        "of followed paths: standard deviation of the sideways tilt of the ground at an impact "
+        "of followed paths: standard deviation of the lateral tilt of the ground at an impact "
         "(degrees)",
     ] = 7.0
     drift_deg: Annotated[
         float,
         Interval(ge=0, le=30),
-        "of followed paths: standard deviation of the angle between the way of a block and the "
-        "steepest descent, drawn once for each block (degrees)",
+        "of followed paths: standard deviation of the angle between the path and the steepest "
+        "descent, drawn once for each block (degrees)",
     ] = 5.0
 
     def _fits_together(self) -> None:
@@ -619,7 +619,9 @@ class RunSettings(Section):
     """Seed and processor cores."""
 
     seed: Annotated[
-        int, Interval(ge=0, le=2**63 - 1), "the same seed gives the same blocks, whatever the jobs"
+        int,
+        Interval(ge=0, le=2**63 - 1),
+        "the same seed gives the same blocks with any number of jobs",
     ] = 1
     jobs: Annotated[int, Interval(ge=0, le=4096), "processor cores; 0: all of them"] = 0
     ground_uncertainty: Annotated[

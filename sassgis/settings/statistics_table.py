@@ -169,8 +169,8 @@ STATISTICS = (
     Statistic(
         stem="reach_probability", title="Reach probability", unit="1", label="Reach probability",
         bands=("reach", "standard_error", "lower", "upper"),
-        note="Share of all {rocks} blocks that started which reach the cell. {width} {error} "
-        "Limits: gamma interval of weighted counts.",
+        note="Of the {rocks} blocks that started, the share that reaches the cell. {width} {error} "
+        "The limits are those of the gamma interval of weighted counts.",
         meaning="share of the simulated blocks that started that reach the cell",
         breaks=(0.0, 0.0001, 0.001, 0.01, 0.03, 0.1, 0.3), ramp="plasma_r",
     ),
@@ -184,8 +184,9 @@ STATISTICS = (
         stem="energy", title="Kinetic energy, 95 % quantile (kJ)", quantity="energy", unit="kJ",
         label="Kinetic energy (translation + rotation)",
         bands=("q95", "q50", "q90", "q99", "mean", "max"),
-        note="Translation and rotation. {once} {width} Quantiles from a histogram of 20 bins a "
-        "decade (12 % of the value), 30 and 300 kJ among the edges; mean and maximum exact. {few}",
+        note="Translation and rotation. {once} {width} Quantiles come from a histogram: 20 bins a "
+        "decade, exact to 12 % of the value, with edges at 30 and 300 kJ. Mean and maximum are "
+        "exact. {few}",
         meaning="kinetic energy (translation and rotation, kJ) of the blocks *that reach the cell*",
         breaks=ENERGY_BREAKS, ramp=ENERGY_RAMP, edges=_energy_edges,
         bins="20 a decade from 0.03 kJ; 30 and 300 kJ are edges", resolution="12 % of the value",

@@ -71,7 +71,7 @@ class RunEstimate:
     def lines(self) -> list[str]:
         """Return the estimate for people, line by line."""
         free = memory_bytes()
-        more = f" (for zones up to {self.more} times as many)" if self.more > 1 else ""
+        more = f" (zone: up to {self.more} times as many)" if self.more > 1 else ""
         room = "" if free is None else f"; {free / 1e9:.3g} GB are free"
         return [
             f"estimate       {self.blocks} blocks{more}, {self.points} release points, "
@@ -89,8 +89,8 @@ class RunEstimate:
         if self.zone_seconds is None:
             return ""
         least, most = map(_spoken, self.zone_seconds)
-        span = f"{least} to {most}, depending on the blocks that the levels need"
-        return f"; of zone {least if least == most else span}, drawing included"
+        span = f"{least} to {most}, by the number of blocks that the levels need"
+        return f"; of zone, drawing included, {least if least == most else span}"
 
 
 def _spoken(seconds: float) -> str:

@@ -598,7 +598,7 @@ def test_the_answer_comes_first_with_its_uncertainty(written: Path) -> None:
     words = words_of(written / "report.html")
     told = (
         "In the run-out simulated blocks stop 12 % too far.",
-        "These data do not distinguish it from: soft ground.",
+        "Also possible: soft ground.",
         "Trees: 71 % Soft ground: 19 % Unknown or not testable with these data: 9 %",
         "Speeds of rocks of different mass in the stand.",
         "Where the gap lies with the configured model",

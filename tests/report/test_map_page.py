@@ -251,7 +251,7 @@ def test_objects_nets_areas_and_paths_can_be_asked(
     assert years == pytest.approx(1.0 / risk.of_object("hits")[0], rel=0.01)
     assert "Frequency of blocks here" in house
     assert re.search(r"Capacity\s+500 kJ", found["net net"])
-    assert re.search(r"30 years\s+[\d.–]+ kJ, [\d.–]+ m high", found["net net"])
+    assert re.search(r"30 years\s+[\d.–]+ kJ, passing height [\d.–]+ m", found["net net"])
     north = found["release north"]
     assert re.search(r"frequent\s+0.4 blocks a year", north)
     zones = [text for key, text in found.items() if key.startswith("zone ")]

@@ -128,7 +128,7 @@ def test_the_time_of_zone_is_stated_where_it_can_be_made(config):
     least, most = given.zone_seconds
     # All of the blocks once, and drawing: longer than the blocks by themselves.
     assert least == most > given.seconds
-    assert "; of zone " in given.lines()[2] and "drawing included" in given.lines()[2]
+    assert "; of zone, " in given.lines()[2] and "drawing included" in given.lines()[2]
     auto = check_inputs(load_config(config, keys | {"hazard.blocks": "auto"})).estimate
     limited = {"hazard.blocks": "auto", "hazard.minutes_max": 2.0}
     short = check_inputs(load_config(config, keys | limited)).estimate

@@ -87,4 +87,7 @@ def test_manifest_and_report_say_it(small) -> None:
     check = manifest["checks"]["segment_tolerance"]
     assert check["tolerance_m"] == 0.05 and set(check["changes"]) == {"0.025 m", "0.1 m"}
     page = (small.folder / "report.html").read_text(encoding="utf-8")
-    assert "Sample at half and double this gap" in page and "0.025 m: median run-out" in page
+    assert (
+        "Change of the results at half and double this gap" in page
+        and "0.025 m: median run-out" in page
+    )

@@ -25,8 +25,8 @@ class AirDrag(EffectSection):
 
     form: Annotated[
         Literal["constant", "sphericity"],
-        '"constant": C_d is drag_coefficient. "sphericity": C_d follows from how far the rock is '
-        "from a sphere, 0.43 · 10^(1.8148 (−log ψ)^0.5743), times drag_coefficient over 0.43",
+        '"constant": C_d is drag_coefficient. "sphericity": C_d grows with the departure from '
+        "a sphere, 0.43 · 10^(1.8148 (−log ψ)^0.5743), times drag_coefficient over 0.43",
     ] = "constant"
     drag_coefficient: Annotated[
         float,

@@ -26,12 +26,12 @@ class Entrainment(EffectSection):
 
     form: Annotated[
         Literal["poisson", "energy"],
-        '"poisson": each impact sets in motion a Poisson number of blocks with the mean number. '
+        '"poisson": each impact entrains a Poisson number of blocks with the mean number. '
         '"energy": the mean is number times the energy lost over energy_kj',
     ] = "poisson"
     number: Annotated[float, Interval(ge=0.0, le=10.0), "blocks per impact"] = 0.05
     energy_kj: Annotated[
-        float, Interval(ge=1e-3, le=1e6), 'energy of "energy" that sets number in motion (kJ)'
+        float, Interval(ge=1e-3, le=1e6), 'energy of "energy" that entrains number (kJ)'
     ] = 10.0
     size_ratio: Annotated[
         float,
@@ -41,7 +41,7 @@ class Entrainment(EffectSection):
     share: Annotated[
         float,
         Interval(ge=0.0, le=1.0),
-        "of the energy that the impact took: what each of them gets, all together at most 1",
+        "share of the energy lost that each of them gets, all together at most 1",
     ] = 0.1
     classes: Annotated[Several[Text], "ground classes with loose blocks; empty: all"] = (
         "debris",

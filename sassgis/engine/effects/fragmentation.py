@@ -32,7 +32,7 @@ class Fragmentation(EffectSection):
     form: Annotated[
         Literal["fractal", "threshold"],
         '"fractal": where an impact takes more energy per unit mass (e) than energy_jkg, all '
-        "blocks break but the share survival_rate; the volumes of the fragments follow "
+        "but the share survival_rate of the blocks break; the volumes of the fragments follow "
         'N(> V) ~ V^−D/3 down to smallest_m3. "threshold": all break there, into equal parts',
     ] = "fractal"
     energy_jkg: Annotated[float, Interval(ge=0.0, le=1e6), "threshold e_0 of e (J/kg)"] = 400.0

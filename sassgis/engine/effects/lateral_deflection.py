@@ -18,7 +18,7 @@ from sassgis.settings.schema import checked
 
 @checked(frozen=True, slots=True)
 class LateralDeflection(EffectSection):
-    """Paths in plan that turn more than the motion turns them, where paths are followed.
+    """Further turns of followed paths.
 
     By stems, bumps and the shape of blocks, say: these turns are drawn and no outcome of the
     motion. Tests report 5 to 20 degrees per impact, and widths of 10 to 20 per cent (Azzoni et al.
@@ -30,8 +30,8 @@ class LateralDeflection(EffectSection):
     form: Annotated[
         Literal["kicks", "constant"],
         '"kicks": after each hop the heading turns by an angle, normal with the standard deviation '
-        'angle_deg. "constant": each block drifts off the descent by an angle of its own, so that '
-        "on a plane paths lie evenly within width_percent of the length, both sides together",
+        'angle_deg. "constant": each block drifts off the descent by one angle; on a plane '
+        "paths then lie evenly within width_percent of the length, both sides together",
     ] = "kicks"
     angle_deg: Annotated[
         float, Interval(ge=0.0, le=60.0), 'of "kicks": standard deviation of the angle (degrees)'

@@ -16,7 +16,7 @@ from sassgis.settings.schema import checked
 
 @checked(frozen=True, slots=True)
 class RockShape(EffectSection):
-    """What the plane ellipse does not know of the third axis.
+    """The third axis, which the plane ellipse leaves out.
 
     "flat_landing" is our own law, fitted to nothing: Caviezel et al. (2021, Nature Communications
     12) found that shape rules run-out and lateral spread more than mass, and gave no such law.
@@ -28,7 +28,7 @@ class RockShape(EffectSection):
     form: Annotated[
         Literal["flat_landing", "mean_inertia"],
         '"flat_landing": at each impact a block may fall on its flat side, the more likely the '
-        "flatter it is (probability strength · (1 − c/b), a law of our own); the contact then "
+        "flatter it is (probability strength · (1 − c/b), ours); the contact then "
         "stops its spin. "
         '"mean_inertia": the block tumbles about all axes: its moment of inertia is the mean of '
         "the three",

@@ -181,8 +181,8 @@ def _sample_size(rocks: int) -> str:
     if rocks == 1:
         return "One rock: its scatter is unknown, and no gap can be distinguished from chance."
     return phrase(
-        "{} rocks cannot show gaps of a mean below {} standard deviations, or gaps of a share "
-        "near one half below {} percentage points (power 80 %, level 5 %, one comparison).",
+        "With {} rocks, a gap remains undetected below {} standard deviations (means) or {} "
+        "percentage points (shares near one half); power 80 %, level 5 %, one comparison.",
         rocks,
         f"{DETECTABLE / math.sqrt(rocks):.2f}",
         f"{100.0 * min(1.0, DETECTABLE * 0.5 / math.sqrt(rocks)):.0f}",

@@ -1,7 +1,7 @@
 """Draw hypotheses, the base model with causes, and calibrate them with and without rocks left out.
 
 A hypothesis is a set of ranges from which its parameters are drawn. Every draw has separate
-calibration of the ground, of the scatter of rolling friction, and of the sideways tilt and the
+calibration of the ground, of the scatter of rolling friction, and of the lateral tilt and the
 drift of followed paths, so that an effect has to explain what calibration cannot.
 """
 

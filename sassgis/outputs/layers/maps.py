@@ -104,9 +104,9 @@ def map_layers(
             FEW_BLOCKS,
         ),
         "error": phrase(
-            "Standard error with the release points as a random sample."
+            "The standard error also covers the random choice of the release points."
             if sample.random_points
-            else "Standard error of the simulated blocks; the release points are taken as given."
+            else "The standard error covers the sampling of blocks at these release points."
         ),
     }
     breaks = {"energy": (0.0, *energy_classes_kj)} if energy_classes_kj else {}

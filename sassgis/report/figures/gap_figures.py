@@ -488,7 +488,7 @@ def gap_hypotheses_figure(
     )
     marked = [phrase("Vermilion: the named cause.")] if named in rows else []
     if any(e in rows for e in others):
-        marked.append(phrase("Blue: causes that these data do not distinguish from it."))
+        marked.append(phrase("Blue: causes that are also possible."))
     note = joined(" ", (note, *marked))
     sheet = style.Sheet("Causes, most likely first", note, 0.31 * n + 0.6)
     shares, gains = sheet.figure.subplots(1, 2, width_ratios=(1.0, 1.6))

@@ -639,7 +639,7 @@ def test_full_data_can_tell_nearly_everything(folder, slope):
     stops = next(q for q in told.quantities if q.name == "runout_m")
     assert stops.values == 7 and stops.rocks == 5
     text = " ".join(told.not_identifiable)
-    assert "5 rocks cannot show gaps of a mean below 1.25 standard deviations" in text
+    assert "With 5 rocks, a gap remains undetected below 1.25 standard deviations" in text
     assert "same mass" in text
     assert "No " not in text
 
