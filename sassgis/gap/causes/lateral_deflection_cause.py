@@ -72,7 +72,7 @@ def _turn(case: Case, residuals: ResidualTable) -> Scores:
         raise Unseen
     size = np.abs(rows.observed - rows.predicted)
     usual = (1.0 + MISSTATED_SHARE) * rows.sd * math.sqrt(2.0 / math.pi) + 0.5
-    usual = usual + np.maximum(residuals.run.turn_after(rows.out_mps), EDGES_TURN_DEG)
+    usual = usual + np.maximum(residuals.configured_paths.turn_after(rows.out_mps), EDGES_TURN_DEG)
     return Scores(per_rock(size - usual, rows.rock, case.n_rocks), float(size.mean()))
 
 
@@ -85,7 +85,7 @@ def _growth(case: Case, residuals: ResidualTable) -> Scores:
     if at.shape[1] < 2 and not len(stops):
         raise Unseen
     growth = np.abs(np.column_stack([at[:, 1:], end[0]]) - at[:, :1])
-    run = residuals.run
+    run = residuals.configured_paths
     below = np.concatenate([run.at.lateral_m[:, :, 1:], run.ends.lateral_m[:, :, None]], axis=2)
     # A replicate that stopped above a station is at neither.
     made = below - run.at.lateral_m[:, :, :1]
@@ -106,7 +106,8 @@ CAUSE = Cause(
     shown_by="turn of the heading at impacts, of rocks that leave them faster than after a fall of "
     "their own diameter, beyond that of the fall line and of simulated paths as fast; growth of "
     "the lateral offset from the first station to all others and to the stop, beyond that of the "
-    "simulated rocks; both also beyond what edges of blocks make anywhere, 10° and 15 % of the way",
+    "simulated rocks; tilt and drift of the simulated paths are at most as configured; both also "
+    "beyond what edges of blocks make anywhere, 10° and 15 % of the way",
     statistics=(
         Trace("turn of the heading at impacts", _turn, ("impacts",), clear=True),
         Trace(

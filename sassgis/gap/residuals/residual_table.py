@@ -293,6 +293,13 @@ class ResidualTable:
     run: FreeRun  # replicates of the rocks in the model
     rows: tuple[Residual, ...]  # by place and quantity, one value per rock
     steps: StepTable  # single impacts, flights and runs, one row each
+    #: Replicates on paths that turn no more than configured, if those of the model turn more.
+    turning_less: FreeRun | None = None
+
+    @property
+    def configured_paths(self) -> FreeRun:
+        """Replicates on paths that turn no more than configured."""
+        return self.run if self.turning_less is None else self.turning_less
 
 
 def residuals_of(
@@ -310,6 +317,21 @@ def residuals_of(
         *impact_residuals(case, run, edges, rng=rng),
     ]
     return ResidualTable(run, tuple(rows), steps_of(case, run, rng))
+
+
+def with_configured_paths(case: Case, residuals: ResidualTable) -> ResidualTable:
+    """Add replicates whose tilt and drift are at most the configured ones.
+
+    Calibrated ones follow what deflects the observed rocks, and hide it.
+    """
+    run, engine = residuals.run, case.engine
+    model = run.model
+    limits = {"side_tilt_deg": engine.side_tilt_deg, "drift_deg": engine.drift_deg}
+    above = {key: own for key, own in limits.items() if model.engine_keys.get(key, 0.0) > own}
+    if not above:
+        return residuals
+    less = free_run(case, replace(model, **above), run.seed, run.axes_m.shape[1])  # type: ignore[arg-type]
+    return replace(residuals, turning_less=less)
 
 
 def fingerprint_residuals(case: Case, run: FreeRun) -> ResidualTable:

@@ -31,7 +31,11 @@ from sassgis.gap.fit.site_data import model_rows
 from sassgis.gap.forward.released_rocks import HypothesisModel, configured_model
 from sassgis.gap.observations.case import Case
 from sassgis.gap.residuals.discrepancy import Discrepancy, without_discrepancy
-from sassgis.gap.residuals.residual_table import ResidualTable, residuals_with
+from sassgis.gap.residuals.residual_table import (
+    ResidualTable,
+    residuals_with,
+    with_configured_paths,
+)
 from sassgis.gap.verdict.model_comparison import (
     CONFIGURED,
     GROUND,
@@ -102,7 +106,7 @@ def evidence_beyond(
         )
         notes = (phrase(text, found[0], f"{found[1]:.0f}"),)
     return Evidence(
-        fingerprints(case, residuals),
+        fingerprints(case, with_configured_paths(case, residuals)),
         *located(case, residuals, problem.seed),
         cause_gains(made.summary, base, families, made.run),
         notes,

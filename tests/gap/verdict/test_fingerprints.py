@@ -21,6 +21,7 @@ from sassgis.gap.residuals.residual_table import (
     StepTable,
     residuals_of,
     residuals_with,
+    with_configured_paths,
 )
 from sassgis.gap.verdict.verdict import fingerprints, significant, strongest, where
 from sassgis.settings.blocks import EffectSettings
@@ -85,6 +86,19 @@ def with_blocks(case: Case, masses: list[float], drop: int = 0) -> Case:
 def test_the_model_itself_leaves_no_fingerprint(case: Case, residuals: ResidualTable) -> None:
     assert not sure(case, residuals)
     assert {"trees", "lateral_deflection", "fragmentation"} <= set(printed(case, residuals))
+
+
+def test_deflection_is_not_compared_with_paths_that_were_calibrated_to_it(case: Case) -> None:
+    tilt, drift = case.engine.side_tilt_deg, case.engine.drift_deg
+    wide = replace(BASE, side_tilt_deg=0.5 * tilt, drift_deg=3.0 * drift)
+    followed = residuals_of(case, wide, seed=5, replicates=4)
+    less = with_configured_paths(case, followed)
+    assert less.run is followed.run and less.rows is followed.rows
+    assert less.configured_paths.model == replace(wide, drift_deg=drift)
+    assert less.configured_paths.axes_m.shape == followed.run.axes_m.shape
+    narrow = residuals_of(case, replace(BASE, drift_deg=0.5 * drift), seed=5, replicates=4)
+    assert with_configured_paths(case, narrow) is narrow
+    assert narrow.configured_paths is narrow.run
 
 
 def test_what_was_not_observed_cannot_be_seen() -> None:
