@@ -95,6 +95,7 @@ _STOPS = (
 )
 #: Below this share of all blocks their number is stated in place of the share.
 _FEW = 1e-3
+_GAPS_NAMED = 5  # gaps in the terrain whose place is stated, the largest
 
 
 class SetUp(Phrase):
@@ -262,11 +263,11 @@ def sample_words(chances: LevelChances, preset: HazardPreset) -> str:
         for level, share in shares if not math.isnan(share)
     ][::-1]  # fmt: skip
     text = (
-        "With another random seed, {} % of the zoned area changes level; by level: {}; newly zoned "
-        "(share of the zoned area): {} %."
+        "With another random seed, {} % of the zoned area changes level, including {} % that is "
+        "newly zoned; by level: {}."
     )
     whole, new = (f"{100 * s:.1f}" for s in (chances.changed_share, chances.newly_zoned_share))
-    return phrase(text, whole, joined(", ", levels), new)
+    return phrase(text, whole, new, joined(", ", levels))
 
 
 def edge_words(run: MapRun, progress: Progress, open_limit: Iterable[Any]) -> str:
@@ -278,7 +279,7 @@ def edge_words(run: MapRun, progress: Progress, open_limit: Iterable[Any]) -> st
     if not run.followed or not progress.lost_share:
         return ""
     limit = shapely.union_all(list(open_limit))
-    gaps, length = _open_gaps(run.grid, limit)
+    gaps, length = ([], []) if limit.is_empty else _open_gaps(run.grid, limit)
     open_m = limit.length - sum(length)
     lost = short(100.0 * progress.lost_share)
     said: Phrase = phrase(
@@ -294,18 +295,26 @@ def edge_words(run: MapRun, progress: Progress, open_limit: Iterable[Any]) -> st
         return said
     one = "Zones end at a gap in the terrain model. Fill the gap at E, N {}."
     several = "Zones end at gaps in the terrain model. Fill the gaps at E, N {}."
-    places = [f"{gap.centroid.x:.0f}, {gap.centroid.y:.0f}" for gap in gaps]
-    return joined(" ", (said, counted(len(gaps), one, several, "; ".join(places))))
+    within = [gap.representative_point() for gap in gaps[:_GAPS_NAMED]]
+    places = "; ".join(f"{at.x:.0f}, {at.y:.0f}" for at in within)
+    parts = [said, counted(len(gaps), one, several, places)]
+    if len(gaps) > _GAPS_NAMED:
+        parts.append(phrase("Smaller gaps that are not listed: {}.", len(gaps) - _GAPS_NAMED))
+    return joined(" ", parts)
 
 
 def _open_gaps(grid: Grid, limit: Any) -> tuple[list[Any], list[float]]:
-    """Return gaps inside the terrain at which zones end, and how long the limit is at each (m)."""
+    """Return gaps inside the terrain at which zones end, and the length of limit at each (m).
+
+    The largest gap is first.
+    """
     known = np.isfinite(grid.values)
     gaps = cell_polygons(ndimage.binary_fill_holes(known) & ~known, grid)
     # Sides of cells, whose coordinates may differ by rounding.
     around = shapely.buffer(gaps, 0.1 * grid.cell_size)
     length = shapely.length(shapely.intersection(around, limit))
-    open_ = length > 0.5 * grid.cell_size
+    open_ = np.flatnonzero(length > 0.5 * grid.cell_size)
+    open_ = open_[np.argsort(-shapely.area(gaps[open_]), kind="stable")]
     return list(gaps[open_]), length[open_].tolist()
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -23,6 +24,7 @@ from sassgis.hazard.warnings import (
     rule_warnings,
     zone_warnings,
 )
+from sassgis.hazard.zoning.coverage import within_terrain
 from sassgis.outputs.layers import zones as zone_layers
 from sassgis.outputs.layers.hazard_maps import hazard_layers
 from sassgis.outputs.layers.risk_objects import risk_tables, risk_vectors
@@ -55,6 +57,8 @@ def zone_extras(rules: Rules, found: Assessment, done: Simulation, figures: Path
     config, run, preset = done.config, done.run, rules.preset
     grid, confidence, currency = run.grid, config.hazard.confidence, config.risk.currency
     hazard, budget = found.hazard, config.hazard.budget
+    outside = assessed_warnings(hazard.levels.polygons, rules.assessed)
+    rules = replace(rules, assessed=within_terrain(rules.assessed, grid))
     maps = hazard_maps(rules, hazard.curves, hazard.chances, grid, confidence)
     width = rules.ref_width_m
     zones = zone_layers.hazard_zones(hazard, preset, grid, width, confidence)
@@ -158,7 +162,7 @@ def zone_extras(rules: Rules, found: Assessment, done: Simulation, figures: Path
             *rule_warnings(preset, rules.frequencies),
             *zone_warnings(hazard.chances, preset, budget),
             *edit_warnings(hazard.edits),
-            *assessed_warnings(hazard.levels.polygons, rules.assessed),
+            *outside,
         ),
         placed=rules.placed,
         edits=edits,

@@ -255,7 +255,8 @@ def write_zones(
     """Find the zones and write everything into ``work``, in the language of the configuration.
 
     ``drawn`` are the results of draws of the ground classes. ``first`` is called with the results
-    before anything is written. With more than one job a process next to this one draws figures.
+    before a table or map is written. With more than one job a process next to this one draws
+    figures.
     """
     # As in sassgis.runs.run.run: loaded when there is something to write.
     from sassgis.report.pictures import drawn_beside

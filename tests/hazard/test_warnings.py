@@ -133,3 +133,17 @@ def test_where_zones_end_at_a_gap_it_is_to_be_filled() -> None:
         ("26 m" in text and "Extend" in text) == open_
         for text, open_ in ((both, True), (inner, False), (outer, True), (none, False))
     )
+
+
+def test_of_many_gaps_the_largest_are_named() -> None:
+    grid = grid_of(rough, 40, 20, 2.0, west=0.0, north=40.0)
+    sides = []
+    for k in range(8):
+        # Each gap is one row higher than the one before.
+        grid.values[2 : 4 + k, 4 * k + 2] = np.nan
+        sides.append(shapely.LineString([(8.0 * k + 4.0, 36.0), (8.0 * k + 4.0, 32.0 - 2.0 * k)]))
+    run: Any = SimpleNamespace(followed=True, grid=grid)
+    text = str(edge_words(run, SimpleNamespace(lost_share=0.1), sides))  # type: ignore[arg-type]
+    assert text.count(";") == 4
+    assert "not listed: 3" in text
+    assert "at E, N 61, " in text and " 5, " not in text

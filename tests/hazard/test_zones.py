@@ -17,7 +17,7 @@ from scipy import ndimage
 from sassgis.errors import ConfigError, InputError
 from sassgis.grid import Grid
 from sassgis.hazard.zoning import drawing
-from sassgis.hazard.zoning.coverage import Coverage, cell_polygons
+from sassgis.hazard.zoning.coverage import Coverage, cell_polygons, within_terrain
 from sassgis.hazard.zoning.drawing import drawn_zones, reach_cells
 from sassgis.settings.hazard_rules import Drawing, ZoningSettings
 
@@ -530,3 +530,15 @@ def test_parts_that_touch_at_a_corner() -> None:
     (ring,) = zones.polygons
     assert len(ring.interiors) == 1
     assert violations(zones, classes, grid_of(classes)) == set()
+
+
+def test_a_perimeter_is_that_part_of_it_where_the_terrain_is_known() -> None:
+    grid = grid_of(np.zeros((4, 6)), 2.0)
+    grid.values[:, 3] = np.nan
+    west, north = grid.west, grid.north
+    whole = shapely.box(west - 9.0, north - 20.0, west + 30.0, north + 9.0)
+    left, right = sorted(within_terrain([whole], grid), key=lambda part: part.bounds[0])
+    assert left.equals(shapely.box(west, north - 8.0, west + 6.0, north))
+    assert right.equals(shapely.box(west + 8.0, north - 8.0, west + 12.0, north))
+    hole = shapely.box(west + 6.5, north - 4.0, west + 7.5, north - 2.0)
+    assert within_terrain([hole], grid) == within_terrain([], grid) == ()

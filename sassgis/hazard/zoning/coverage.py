@@ -31,6 +31,15 @@ def check_cells(cell_size: float) -> None:
         )
 
 
+def within_terrain(polygons: Sequence[Any], grid: Grid) -> tuple[Any, ...]:
+    """Return the parts of polygons where the terrain is known; empty without any."""
+    if not polygons:
+        return ()
+    known = shapely.union_all(cell_polygons(np.isfinite(grid.values), grid))
+    parts = shapely.get_parts(shapely.union_all(list(polygons)).intersection(known))
+    return tuple(parts[shapely.area(parts) > 0.0])
+
+
 def cell_polygons(cells: BoolArray, grid: Grid) -> NDArray[Any]:
     """Return regions of cells that share sides as Polygons, shape (n,).
 

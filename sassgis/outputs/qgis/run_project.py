@@ -328,16 +328,16 @@ def zone_layouts(
     sheets = [_sheet(levels, "Hazard level", "Hazard zones, rockfall", *shown)]
     for years, drawn_zones in found.hazard.intensities.items():
         title: tuple[str, str] = "Intensity extreme event", "Intensity of rockfall, extreme event"
-        period, sheet = "extreme", zones
+        period, none = "extreme", phrase("No zones: no block arrives anywhere.")
         if years is not None:
             period = f"{years:g}"
             title = (
                 phrase("Intensity {} years", period),
                 phrase("Intensity of rockfall, return period {} years", period),
             )
-            if not drawn_zones.polygons.size:
-                none = phrase("No zones: no block arrives anywhere once in {} years.", period)
-                sheet = replace(zones, notes=(none, *zones.notes))
+            none = phrase("No zones: no block arrives anywhere once in {} years.", period)
+        notes_of = zones.notes if drawn_zones.polygons.size else (none, *zones.notes)
+        sheet = replace(zones, notes=notes_of)
         sheets.append(_sheet(sheet, *title, *perimeter, f"vector_synoptic_intensity_{period}"))
     if risk:
         around = tuple(k for k in words.layers if not k.startswith("vector_exposed"))
