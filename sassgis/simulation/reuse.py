@@ -1,12 +1,13 @@
 """Blocks of an earlier result in a run that differs from it in its stations and barriers only.
 
-If no block of a release area came near a station or barrier that has changed, with barriers or
-without, the area has the same blocks in both runs: its sums are reused. The blocks of the other
-areas are simulated again.
+If no block of a release area came to a station or barrier that is gone, or to the place of a new
+one, with barriers or without, the area has the same blocks in both runs: its sums are reused. The
+blocks of the other areas are simulated again.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import fields
 from pathlib import Path
@@ -37,9 +38,13 @@ _KEYS = {
     "ref_width_m": "hazard.ref_width_m", "forest": "effects.trees",
     "ground_heights": "terrain.block_scale_m",
 }  # fmt: skip
-#: A line within so many cells of reached ones is near: blocks pass between cell centres, and places
-#: are rounded.
+#: Without windows a line within so many cells of reached ones is near: blocks pass between cell
+#: centres.
 _NEAR_CELLS = 2
+#: A path is straight in each cell: it is nearer than this to all of the cell (cells).
+_HALF_DIAGONAL = math.sqrt(0.5)
+#: Distance of points on a line, and from a point to the line's cells around it (cells); rounding.
+_APART, _BESIDE, _ROUNDING = 0.1, 0.06, 0.01
 
 
 def keep_areas(file: Path, progress: Progress, run: MapRun) -> None:
@@ -50,8 +55,6 @@ def keep_areas(file: Path, progress: Progress, run: MapRun) -> None:
     }
     arrays["compared"] = np.array(run.compared)
     arrays["line_digests"] = np.array([value_digest(own) for own in lines], np.str_)
-    arrays["line_offset"] = np.cumsum([0, *(len(trace) for _, trace in lines)])
-    arrays["line_xy"] = np.concatenate([np.empty((0, 2)), *(trace for _, trace in lines)])
     write_saved(file, arrays, "", compressed=True)
 
 
@@ -86,16 +89,16 @@ def begun_with(file: Path, run: MapRun) -> Progress:
     was = state["line_digests"].tolist()
     # Where each line of the earlier result is now; -1: nowhere.
     moved = np.array([digests.index(own) if own in digests else -1 for own in was], np.int64)
-    traces = np.split(state["line_xy"], state["line_offset"][1:-1])
-    changed = [trace for trace, at in zip(traces, moved, strict=True) if at < 0]
-    changed += [t for (_, t), own in zip(run.all_lines, digests, strict=True) if own not in was]
+    # Without a further station, which no block meets, the others move the same.
+    gone = np.flatnonzero(moved[: int(state["compared"])] < 0)
+    new = [t for (_, t), own in zip(run.all_lines, digests, strict=True) if own not in was]
     lines = _placeholders(int(state["compared"]), len(was))
     earlier = progress_from(state, run.grid.values.size, lines, int(state["compared"]))
     progress = Progress.fresh(run)
     progress.parts = {
         area: part
         for area, part in (earlier.parts or {}).items()
-        if not _come_near(run.grid, part, changed)
+        if not (_came_to(part, gone) or _may_come_to(run, part, new))
     }
     for part in progress.parts.values():
         _with_lines(part, run, moved)
@@ -112,17 +115,41 @@ def _placeholders(compared: int, n: int) -> tuple[ControlLine, ...]:
     return tuple(ControlLine(str(i), "wall" if i < compared else "station") for i in range(n))
 
 
-def _come_near(grid: Grid, part: Progress, traces: Sequence[FloatArray]) -> bool:
-    """Return whether a block of an area, with or without barriers, comes near one of the lines."""
-    reached = np.zeros(grid.values.size, np.bool_)
+def _came_to(part: Progress, lines: IntArray) -> bool:
+    """Return whether a block of an area, with or without barriers, came to one of the lines."""
+    counts = [part.control_lines]
+    counts += [own.without.control_lines for own in part.sources.values() if own.without]
+    return any(own.arrivals(int(i)) > 0 for own in counts for i in lines)
+
+
+def _may_come_to(run: MapRun, part: Progress, traces: Sequence[FloatArray]) -> bool:
+    """Return whether a block of an area, with or without barriers, may come to one of the lines.
+
+    What comes to a cell of a line meets all windows within their radius of that cell, less half its
+    diagonal.
+    """
+    grid = run.grid
+    reached = np.zeros(grid.shape, np.bool_)
     for tally in part.sources.values():
-        reached[tally.cells.counts().places] = True
-        reached[tally.without_barriers().cells.counts().places] = True
-    near = ndimage.binary_dilation(reached.reshape(grid.shape), iterations=_NEAR_CELLS)
-    points = [points_on(grid, trace) for trace in traces]
-    xy = np.concatenate([np.empty((0, 2)), *points])
-    cells = grid.cell_of(xy[:, 0], xy[:, 1])
-    return bool(near.ravel()[cells[cells >= 0]].any())
+        reached.ravel()[tally.cells.counts().places] = True
+        reached.ravel()[tally.without_barriers().cells.counts().places] = True
+    within = -1.0 if run.window is None else run.window.radius - _HALF_DIAGONAL - _ROUNDING
+    if within < 0.0:
+        near = ndimage.binary_dilation(reached, iterations=_NEAR_CELLS)
+    else:
+        step = np.arange(-math.floor(within), math.floor(within) + 1)
+        disk = np.hypot(step[:, None], step) <= within
+        near = ndimage.binary_erosion(reached, disk, border_value=1)
+    cells = np.concatenate([np.empty(0, np.int64), *(_cells_of(grid, own) for own in traces)])
+    return bool(near.ravel()[cells].any())
+
+
+def _cells_of(grid: Grid, trace: FloatArray) -> IntArray:
+    """Return all cells that a line comes to, also where it only touches them."""
+    x, y = points_on(grid, trace, _APART).T
+    beside = _BESIDE * grid.cell_size * np.array([-1.0, 1.0])
+    cells = grid.cell_of((x + beside[:, None])[:, None], (y + beside[:, None])[None])
+    return np.unique(cells[cells >= 0])
 
 
 def _with_lines(part: Progress, run: MapRun, moved: IntArray) -> None:

@@ -503,8 +503,8 @@ def _copies(grid: Grid, number: int, trace: FloatArray) -> list[MovedLine]:
     return [c for c in copies if np.isfinite(mean_height_m(grid, c.trace))]
 
 
-def points_on(grid: Grid, trace: FloatArray) -> FloatArray:
-    """Return points on a line, a cell apart at most."""
-    dense = shapely.segmentize(shapely.LineString(trace), grid.cell_size)
+def points_on(grid: Grid, trace: FloatArray, cells: float = 1.0) -> FloatArray:
+    """Return points on a line, so many cells apart at most."""
+    dense = shapely.segmentize(shapely.LineString(trace), cells * grid.cell_size)
     points: FloatArray = shapely.get_coordinates(dense)
     return points
