@@ -9,6 +9,7 @@ import numpy as np
 
 from sassgis.compiled.jit import inlined, kernel, lean
 from sassgis.engine.ellipse import CountedRows, Record
+from sassgis.engine.fork import keep_fork
 from sassgis.engine.resistance import share_gained
 from sassgis.engine.state import BARRIER, CROSSING_DTYPE, Block, Output, Site, end
 from sassgis.grid import FloatArray, IntArray
@@ -159,6 +160,7 @@ def control_lines_in_flight(
     x_end = state.x + vx * until
     forward = vx > 0.0
     met = no_meeting()
+    n_passages = state.n_passages
     for k in range(n):
         i = k if forward else n - 1 - k
         crossing = crossings.rows[i]
@@ -189,6 +191,8 @@ def control_lines_in_flight(
                 kept * state.omega, height
             )  # fmt: skip
         met = _met_too(met, i, t, outcome, left)
+    if met.line >= 0:
+        keep_fork(state, site, output, n_passages)
     return met
 
 
@@ -229,6 +233,7 @@ def control_lines_on_ground(
     x_end = stretch.x_end
     chord = abs(x_end - x)
     met = no_meeting()
+    n_passages = state.n_passages
     for k in range(n):
         i = k if forward else n - 1 - k
         crossing = crossings.rows[i]
@@ -256,6 +261,8 @@ def control_lines_on_ground(
                 kept * math.sqrt(spin2), 0.0
             )  # fmt: skip
         met = _met_too(met, i, share, outcome, left)
+    if met.line >= 0:
+        keep_fork(state, site, output, n_passages)
     return met
 
 

@@ -67,7 +67,7 @@ def move(
         if state.events > physics.max_events:
             end(state, STEP_LIMIT)
         elif state.phase == FLIGHT:
-            if path is not None:
+            if path is not None and not state.resumed:
                 heading.before_flight(state, block, site, path, physics)
             flight(state, block, site, output, physics, effects)
         elif state.phase == IMPACT:
@@ -84,25 +84,26 @@ def move(
                 )
         elif path is not None:
             hooks.before_turn(effects, state, block)
-            steep2, descent = heading.before_ground(state, block, site, path, physics)
+            if not state.resumed:
+                heading.before_ground(state, block, site, path, physics)
             if state.phase != FLIGHT:
-                x = state.x
-                level = state.speed * site.profile.rows[state.segment].tx
                 ground_motion(state, block, site, output, physics, effects)
                 heading.stays_on_known(state, site)
-                heading.after_ground(state, physics, steep2, descent, x, level, abs(state.vx))
+                heading.after_ground(state, physics)
             if heading.wedged(state):
                 end_at_rest(state, block)
         else:
             ground_motion(state, block, site, output, physics, effects)
         if path is not None and site.crossings.n[0] > 0:
             note_passages(site, path)
+        state.resumed = False
 
 
 @lean
 def _clear(state: Record, site: Site, x: float, stretch: int) -> None:
     """Clear the state of a block, which gets a chainage (m) only."""
     state.spawned = False
+    state.resumed = False
     state.reason = STEP_LIMIT
     state.began = 0.0
     state.t = 0.0

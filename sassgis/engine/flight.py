@@ -110,7 +110,6 @@ def flight(
         barrier = control_lines_in_flight(state, block, site, output, g, until)
     at_barrier = barrier.line >= 0
     if at_barrier:
-        state.hindered = True
         until = barrier.when
     elif contact.segment < 0 and not _is_over_ground(state, site.profile, g, until):
         # The ground was missed: any further motion would be wrong.

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from sassgis.compiled.jit import fused, inlined, lean
 from sassgis.engine.barriers import ControlLineTable
 from sassgis.engine.cell_register import CellRegister, registered
-from sassgis.engine.ellipse import Record, Records, empty_table
+from sassgis.engine.ellipse import CountedRows, Record, Records, empty_table
 from sassgis.engine.flight import MARGIN_M
 from sassgis.engine.recording import STRETCH_DTYPE
 from sassgis.engine.state import CROSSING_DTYPE, FLIGHT, VERTEX_DTYPE, Block, Site
@@ -66,11 +66,12 @@ class Path(NamedTuple):
     register: CellRegister
 
 
-def room_ahead(grounds: Records) -> Site:
-    """Make room for the ground ahead, of classes as in ground_switch.GROUND_DTYPE."""
+def room_ahead(grounds: Records, times: int = 1) -> Site:
+    """Make room for the ground ahead, so many times; classes as in ground_switch.GROUND_DTYPE."""
+    n = times * _ROOM
     return Site(
-        empty_table(_ROOM, VERTEX_DTYPE), grounds, empty_table(_ROOM, CROSSING_DTYPE),
-        empty_table(3 * _ROOM, STRETCH_DTYPE),
+        empty_table(n, VERTEX_DTYPE), grounds, empty_table(n, CROSSING_DTYPE),
+        empty_table(3 * n, STRETCH_DTYPE),
     )  # fmt: skip
 
 
@@ -631,3 +632,11 @@ def note_passages(site: Site, path: Path) -> None:
     for i in range(site.crossings.n[0]):
         if site.crossings.rows[i].seen:
             path.line_seen[site.crossings.rows[i].number] = True
+
+
+@inlined
+def see_again(path: Path, passages: CountedRows, n: int) -> None:
+    """Remember, of a block that has gone on, only so many passages, whose rows follow the last."""
+    path.line_seen[:] = False
+    for k in range(n):
+        path.line_seen[passages.rows[passages.n[0] + k].control_line] = True

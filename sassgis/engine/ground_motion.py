@@ -260,7 +260,6 @@ def ground_motion(
         )
     at_barrier = barrier.line >= 0
     if at_barrier:
-        state.hindered = True
         length *= barrier.when
         stretch = up_to(stretch, site.crossings.rows[barrier.line].x, barrier.when)
     _advance(state, block, site, output, stretch, length, pull, fade)

@@ -368,17 +368,16 @@ def before_flight(state: Record, block: Block, site: Site, path: Path, physics: 
 
 
 @fused
-def before_ground(
-    state: Record, block: Block, site: Site, path: Path, physics: Physics
-) -> tuple[float, float]:
+def before_ground(state: Record, block: Block, site: Site, path: Path, physics: Physics) -> None:
     """Turn the heading as far as is due, and find how far the ground may be followed.
 
-    Returns the square of the slope of the terrain at block scale, and the angle from the heading to
-    the descent, to the right (rad). After the turn the block may be in flight.
+    The slope of the terrain at block scale, and the angle from the heading to the descent, to the
+    right (rad), are noted for after_ground. After the turn the block may be in flight.
     """
     u, v = place(state, state.x)
     gu, gv, known = gradient(path, u, v, block.radius)
     steep2 = gu * gu + gv * gv
+    state.steep2 = steep2
     step = max(path.cell_size, 2.0 * block.radius)
     descent = _angle_to(state, gu, gv, path.cell_size)
     angle = state.turn
@@ -400,7 +399,7 @@ def before_ground(
         turn_heading(state, block, site, path, physics.gravity, angle, gu, gv, known)
         descent = _angle_to(state, gu, gv, path.cell_size)
         if state.phase == FLIGHT:
-            return steep2, descent
+            return
     if state.speed <= 0.0 and site.profile.rows[state.segment].tz > 0.0:
         # In a dip the ground under it rises that way: it would start backwards.
         state.direction = -1
@@ -413,7 +412,9 @@ def before_ground(
         unit = max(path.cell_size, 2.0 * block.radius)
         ahead = max(LONGEST_STEP * unit, min(state.x - state.from_x, _FARTHEST * unit))
         look_ahead(state, block, site, path, needed + ahead, physics.gravity)
-    return steep2, descent
+    state.descent = descent
+    state.set_out = state.x
+    state.level = state.speed * site.profile.rows[state.segment].tx
 
 
 @lean
@@ -469,19 +470,13 @@ def _angle_to(state: Record, gu: float, gv: float, cell_size: float) -> float:
 
 
 @inlined
-def after_ground(
-    state: Record, physics: Physics, steep2: float, descent: float, x: float, level: float,
-    level_after: float,
-) -> None:  # fmt: skip
-    """Let the heading turn towards the descent over a stretch on the ground that began at x (m).
-
-    ``steep2`` and ``descent`` are as before_ground returned them, ``level`` and ``level_after`` the
-    horizontal speeds at its start and end (m/s).
-    """
+def after_ground(state: Record, physics: Physics) -> None:
+    """Let the heading turn towards the descent over a stretch on the ground (before_ground)."""
     # What has moved backwards is turned about before it goes on.
-    if steep2 > 1e-12 and state.x > x:
-        kappa = bending(physics.gravity, steep2, 0.5 * (level * level + level_after * level_after))
-        state.turn += bent(descent - state.turn, kappa * (state.x - x))
+    if state.steep2 > 1e-12 and state.x > state.set_out:
+        mean2 = 0.5 * (state.level * state.level + state.vx * state.vx)
+        kappa = bending(physics.gravity, state.steep2, mean2)
+        state.turn += bent(state.descent - state.turn, kappa * (state.x - state.set_out))
 
 
 @inlined

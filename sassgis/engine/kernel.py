@@ -17,7 +17,8 @@ from sassgis.engine.cell_register import FULL
 from sassgis.engine.draws import block_of, draw_block, with_drag, with_outline
 from sassgis.engine.effects import hooks
 from sassgis.engine.ellipse import CountedRows, Record, Records, empty_table
-from sassgis.engine.ground_ahead import Path, place, room_ahead
+from sassgis.engine.fork import return_to_fork
+from sassgis.engine.ground_ahead import Path, place, room_ahead, see_again
 from sassgis.engine.heading import continue_path, start_path
 from sassgis.engine.profile import last_stretch, profile_of, stretches_of, without_straight_vertices
 from sassgis.engine.recording import CellWork, empty_work, record_stop
@@ -26,6 +27,7 @@ from sassgis.engine.state import (
     REST,
     SPAWNED_DTYPE,
     Block,
+    Fork,
     Output,
     Physics,
     Site,
@@ -109,6 +111,7 @@ class Work(NamedTuple):
     n_visits: IntArray  # (2,) of them; of those that are in histograms already
     spawned: CountedRows
     ahead: Site  # the ground just ahead, on a path that is followed
+    fork: Fork
 
 
 def _room_for_visits(n: int) -> NDArray[np.uint64]:
@@ -120,13 +123,17 @@ def _room_for_visits(n: int) -> NDArray[np.uint64]:
 
 
 def working_space(
-    n_cells: int, grounds: Records, has_effects: bool, most_spawned: int, visits: int, on_map: bool
-) -> Work:
+    n_cells: int, grounds: Records, has_effects: bool, most_spawned: int, visits: int,
+    *, on_map: bool, followed: bool, compared: bool,
+) -> Work:  # fmt: skip
     """Return working space for a chunk.
 
     ``most_spawned`` is how many blocks one released block may spawn, ``visits`` for how many of
-    them to cells there is room; ``on_map`` is whether it is known where the paths lie on the map.
+    them to cells there is room; ``on_map`` is whether it is known where the paths lie on the map,
+    ``followed`` whether they are followed, ``compared`` as for run_blocks.
     """
+    # What effects remember of a step that a barrier cuts short is not kept.
+    forks = compared and not has_effects
     return Work(
         np.zeros(1, hooks.BLOCK_DTYPE),
         empty_work(n_cells, chords=on_map),
@@ -135,6 +142,11 @@ def working_space(
         np.zeros(2, np.int64),
         empty_table(most_spawned, SPAWNED_DTYPE),
         room_ahead(grounds),
+        Fork(
+            np.zeros(int(forks), hooks.BLOCK_DTYPE),
+            room_ahead(grounds, int(forks and followed)),
+            empty_work(n_cells if forks else 0, chords=on_map),
+        ),
     )
 
 
@@ -199,19 +211,30 @@ def simulate_blocks(
 ) -> int:  # fmt: skip
     """Simulate all blocks of stratum ``i``; parameters and what it returns as simulate_strata.
 
-    If wanted, a block whose motion a barrier has changed is simulated again without barriers.
+    If wanted, a block whose motion a barrier has changed is simulated again without barriers:
+    without effects from there on.
     """
     compared = rows.reasons_without.size > 0
     again = False
     r = 0
     while r < setup.n_blocks:
         first = rows.passages.n[0]
+        state = work.state[0]
+        if again and work.fork.state.size > 0:
+            if not return_to_fork(
+                work.state, site, work.cells, work.fork, rows.passages, rows.passages_without
+            ):
+                return NO_ROOM
+            if path is not None:
+                see_again(path, rows.passages_without, state.n_passages)
+        state.meets_none = again
+        state.hindered = False
         status = simulate_released(
             i, r, again, strata, site, setup, totals, rows, work, effects, path
         )  # fmt: skip
         if status != DONE:
             return status
-        hindered = work.state[0].hindered
+        hindered = state.hindered
         if compared:
             number = i * setup.n_blocks + r
             rows.reasons_without[number] = rows.rocks[-1 if again else number].reason
@@ -230,7 +253,7 @@ def simulate_released(
 ) -> int:  # fmt: skip
     """Simulate block ``r`` of stratum ``i``, with those that it spawns; parameters as above.
 
-    ``again``: without barriers, after it was simulated with them.
+    ``again``: without barriers, after it was simulated with them; from where it is if it resumes.
     """
     state = work.state[0]
     cells = work.cells
@@ -239,16 +262,16 @@ def simulate_released(
     spread = setup.physics.rolling_friction_sd
     # The released block first, then those that it and they spawn, in turn.
     rock = setup.first_rock + r
-    state.meets_none = again
-    state.hindered = False
     key = rng.block_key(setup.seed, strata.key[i], rock)
     # The released block is reported as it was drawn, a fragment as it moves.
     stated = draw_block(limits[0], limits[1], key)
     outlined = with_outline(stated, setup.physics)
     block = with_drag(hooks.on_block(effects, outlined), spread)
-    release(effects, state, block, site, setup, limits, key, strata, path, i)
-    first_x = state.x
-    passages, row, log, end_place = room_of(rows, i * setup.n_blocks + r, again)
+    number = i * setup.n_blocks + r
+    if not state.resumed:
+        release(effects, state, block, site, setup, limits, key, strata, path, i)
+    first_x = rows.rocks[number].start_m if again else state.x
+    passages, row, log, end_place = room_of(rows, number, again)
     open_row(row, strata.number[i], rock, 0, first_x)
     n_spawned = n_event = 0
     spawned.n[0] = 0
@@ -257,7 +280,7 @@ def simulate_released(
         n_lines = site.crossings.n[0] if path is None else path.line_seen.size
         if n + n_lines > passages.rows.size:
             return NO_ROOM
-        output = Output(passages.rows[n:], cells, log, spawned)
+        output = Output(passages.rows[n:], cells, log, spawned, work.fork)
         simulate_block(state, block, site, output, setup.physics, effects, path)
         mass = block.mass
         last = finish_block(row, stated, state, site, passages, totals.stops, cells, 1 - int(again))

@@ -377,8 +377,9 @@ def run_blocks(
             n, more * passages, more * n if hooked is not None else 0, log_events, compared
         )
         work = kernel.working_space(
-            n_cells, setup.grounds, hooked is not None, most_spawned(effects), visits, on_map
-        )
+            n_cells, setup.grounds, hooked is not None, most_spawned(effects), visits,
+            on_map=on_map, followed=path is not None, compared=compared,
+        )  # fmt: skip
         status = kernel.simulate_strata(
             strata, setup, totals, rows, work, hooked, lines, path, wanted
         )

@@ -84,6 +84,7 @@ STATE_FIELDS: tuple[tuple[str, Any], ...] = (
     ("held_x", _F),  # where a net held it; infinite if none has (m)
     ("lines_from", _F),  # chainage up to which control lines have been dealt with (m)
     ("meets_none", np.bool_),  # whether it moves as if there were no barriers
+    ("resumed", np.bool_),  # whether it is in an event that has been prepared before (fork.py)
     ("hindered", np.bool_),  # whether a barrier has changed its motion, or that of its parent
     ("n_passages", _I),
     ("n_touched", _I),  # cells
@@ -114,6 +115,10 @@ STATE_FIELDS: tuple[tuple[str, Any], ...] = (
     ("drift", _F),  # angle by which it drifts sideways of the descent (rad)
     ("drift_cos", _F),
     ("drift_sin", _F),
+    ("steep2", _F),  # before the present stretch on the ground: slope of the terrain, squared,
+    ("descent", _F),  # angle from the heading to the descent (rad),
+    ("set_out", _F),  # chainage (m), and horizontal speed (m/s)
+    ("level", _F),
     ("stuck_x", _F),  # chainage at which its last stretches on the ground ended (m)
     ("stuck", _I),  # how many of them ended there
     ("turn", _F),  # turn of the heading that is still to come, to the right on the map (rad)
@@ -202,6 +207,14 @@ class Site(NamedTuple):
     stretches: CountedRows  # recording.STRETCH_DTYPE
 
 
+class Fork(NamedTuple):
+    """A block as it was at the first barrier that changed its motion."""
+
+    state: Records  # (1,), as the state; (0,): not kept
+    ahead: Site  # the ground ahead, on a path that is followed; else without room
+    cells: CellWork  # as work, but in the order of ``touched``
+
+
 class Output(NamedTuple):
     """Records of a block as it moves."""
 
@@ -210,6 +223,7 @@ class Output(NamedTuple):
     log: CountedRows  # EVENT_DTYPE, as far as there are rows
     # SPAWNED_DTYPE, by the released block and those that it has spawned; counted beyond the rows.
     spawned: CountedRows
+    fork: Fork
 
 
 @fused
