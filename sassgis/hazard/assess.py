@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import ExitStack
 from dataclasses import dataclass, replace
+from functools import partial
 from itertools import pairwise
 from typing import Any
 
@@ -365,14 +368,15 @@ def hazard_of(
     curves: HazardCurves,
     level: NDArray[np.int16],
     zones: Coverage,
-    rims: IntArray,
+    intensities: Callable[[], Intensities],
     confidence: float,
     edits: Sequence[Edit],
 ) -> Hazard:
     """Assess the hazard from the counts of a simulation.
 
     Curves and levels are those of all cells, zones those of hazard level, to which the edits
-    belong, rims those of rims_of; ``confidence`` is that of the sampling interval.
+    belong; ``intensities`` draws the zones of intensity, ``confidence`` is that of the sampling
+    interval.
     """
     preset = rules.preset
     chances = level_chances(curves, level, preset, np.isfinite(grid.values), rules.in_part)
@@ -390,7 +394,7 @@ def hazard_of(
         computed=zones,
         levels=levels,
         facts=zone_facts(sampled, curves, preset, levels, grid, *of_cells, edit),
-        intensities=intensity_maps(curves, preset, grid, rules.zones, rims),
+        intensities=intensities(),
         chances=chances,
         uncertain=not_certain,
         edits=applied,
@@ -407,12 +411,14 @@ def assess(
     confidence: float,
     by_source: bool,
     drawing_of: Callable[[Bounds], Drawing] | None = None,
+    jobs: int = 1,
 ) -> Assessment:
     """Assess hazard and risk from the counts of a simulation.
 
     ``without`` are the same sources without barriers; ``by_source`` asks for zones of
     intensity of each single release area. ``drawing_of`` returns the drawing for a sheet that shows
-    the cells with a level; default: that of the rules.
+    the cells with a level; default: that of the rules. With more than one of the ``jobs`` zones of
+    intensity are drawn in other threads, most of the time without the GIL.
     """
     both = [sampled] if without is None else [sampled, without]
     curves = [curves_of(own, energies_kj) for own in both]
@@ -420,20 +426,35 @@ def assess(
     if drawing_of is not None:
         rules = replace(rules, zones=drawing_of(_extent(curves, levels, grid)))
     rims = rims_of(sampled, grid)
-    zones = level_zones(curves, levels, rules.preset, grid, rules.zones, rims)
+    names = dict.fromkeys(s.source.area for s in sampled) if by_source else {}
+    of_areas = {name: [s for s in sampled if s.source.area == name] for name in names}
 
-    def hazard(k: int, edits: Sequence[Edit]) -> Hazard:
-        drawn = both[k], curves[k], levels[k], zones[k], rims
-        return hazard_of(rules, grid, *drawn, confidence, edits)
-
-    after = hazard(0, rules.edits)
-    before = None if without is None else hazard(1, ())
-    risk_before = None if without is None else risk_of(rules, without, energies_kj)
-    by_area = {}
-    for area in dict.fromkeys(s.source.area for s in sampled) if by_source else ():
-        mine = [s for s in sampled if s.source.area == area]
+    def intensities_of(area: str) -> Intensities:
+        mine = of_areas[area]
         own = curves_of(mine, energies_kj)
-        by_area[area] = intensity_maps(own, rules.preset, grid, rules.zones, rims_of(mine, grid))
+        return intensity_maps(own, rules.preset, grid, rules.zones, rims_of(mine, grid))
+
+    with ExitStack() as until_done:
+        pool = until_done.enter_context(ThreadPoolExecutor(jobs)) if jobs > 1 else None
+
+        def begun(work: Callable[[], Intensities]) -> Callable[[], Intensities]:
+            return work if pool is None else pool.submit(work).result
+
+        drawn = [
+            begun(partial(intensity_maps, own, rules.preset, grid, rules.zones, rims))
+            for own in curves
+        ]
+        drawn_of = {area: begun(partial(intensities_of, area)) for area in of_areas}
+        zones = level_zones(curves, levels, rules.preset, grid, rules.zones, rims)
+
+        def hazard(k: int, edits: Sequence[Edit]) -> Hazard:
+            own = both[k], curves[k], levels[k], zones[k], drawn[k]
+            return hazard_of(rules, grid, *own, confidence, edits)
+
+        after = hazard(0, rules.edits)
+        before = None if without is None else hazard(1, ())
+        by_area = {area: of_area() for area, of_area in drawn_of.items()}
+    risk_before = None if without is None else risk_of(rules, without, energies_kj)
     return Assessment(
         after, before, by_area, risk_of(rules, sampled, energies_kj), risk_before, rules.zones
     )

@@ -269,7 +269,7 @@ def write_zones(
         with in_language(language):
             # Their figures are drawn while this process makes the zones.
             blocks = begun(work, done, rules.placed)
-        found = assessed(rules, done)
+        found = assessed(rules, done, jobs if isinstance(jobs, int) else 1)
         if first is not None:
             first(found)
         with in_language(language):
@@ -278,8 +278,8 @@ def write_zones(
             return found, publish_map(work, done, areas, tell, extras, blocks)
 
 
-def assessed(rules: Rules, done: Simulation) -> Assessment:
-    """Assess hazard and risk from a simulation, with and without barriers."""
+def assessed(rules: Rules, done: Simulation, jobs: int = 1) -> Assessment:
+    """Assess hazard and risk from a simulation, with and without barriers, in so many threads."""
     # Loaded when there is something to draw.
     from sassgis.outputs.qgis.layout import drawing_on_sheet
 
@@ -291,6 +291,7 @@ def assessed(rules: Rules, done: Simulation) -> Assessment:
         sources(barriers=False) if done.progress.compared else None,
         confidence=hazard.confidence, by_source=hazard.by_source,
         drawing_of=partial(drawing_on_sheet, done.config.zones, rules.preset.sheet, metres),
+        jobs=jobs,
     )  # fmt: skip
 
 

@@ -135,7 +135,6 @@ _CLOSED_WITHIN, _DONE_WITHIN = 0.05, 0.1
 _RING_SHARE = 0.05
 #: Standard deviation of the average along an outline, as a share of the gap that is closed.
 _ALONG = 0.5
-_NOWHERE = shapely.Polygon()
 
 
 def _grown(area: Any, distance_m: float, chords: int = 6) -> Any:
@@ -330,7 +329,7 @@ def _strips(higher: Any, own: BoolArray, grid: Grid, rules: Drawing) -> Any:
     cells = cell_polygons(own, grid)
     cells = cells[shapely.dwithin(higher, cells, 0.5 * width)]
     if not cells.size:
-        return _NOWHERE
+        return shapely.Polygon()
     near = shapely.union_all(_grown(cells, width))
     beside = shapely.difference(_grown(higher, width), higher)
     strips = polygons_of(shapely.intersection(beside, near))
@@ -494,7 +493,8 @@ def _stacks_at_once(
 ) -> list[list[Any]]:
     terrain = shapely.multipolygons(cell_polygons(place.known, place.grid))
     stacks: list[list[Any]] = []
-    below: Sequence[Any] = [_NOWHERE] * n_classes
+    # Of each drawing: several may be at work, and what GEOS notes of a geometry is for one thread.
+    below: Sequence[Any] = [shapely.Polygon()] * n_classes
     for m, envelope in zip(place.maps, enveloped, strict=True):
         below = _stack(replace(place, maps=[m]), rules, envelope, below, terrain)
         stacks.append([*below])
@@ -530,7 +530,7 @@ def _stack(
 ) -> list[Any]:
     """Return the area of each class with those above it, which contains that of ``within``."""
     stack: list[Any] = []
-    higher = _NOWHERE
+    higher: Any = shapely.Polygon()
     gaps = [rules.gap_m] * len(within)
     if envelope:
         gaps[0] = max(rules.gap_m, rules.envelope_m)
