@@ -65,6 +65,8 @@ def picture(
         return ReportFigure(title, caption, partial(bytes, _drawn(file, figure)), alt)
     translate_texts(figure)
     packed = pickle.dumps(figure, pickle.HIGHEST_PROTOCOL)
+    # Its parts refer to each other: Python would find only later that nobody needs them.
+    figure.clear()
     drawn = drawers.submit(_drawn_again, file, packed)
     return ReportFigure(title, caption, partial(_awaited, drawn, file, packed), alt)
 

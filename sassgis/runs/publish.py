@@ -75,6 +75,7 @@ from sassgis.settings.exposure import PlacedObjects
 from sassgis.settings.hazard_rules import LIMIT_TEXT, HazardPreset
 from sassgis.settings.languages import joined, named, phrase
 from sassgis.settings.map_run import Config, MapRun
+from sassgis.settings.process import give_back_freed
 from sassgis.settings.results import RUNOUT_COUNTS, RasterLayer, StopReason
 from sassgis.settings.statistics_table import Bins, bins_of
 from sassgis.simulation.accumulators import Progress, line_ends, sample_of
@@ -471,6 +472,7 @@ def _write_report(
         pictures=blocks.figures,
         parts=extras.parts,
     )
+    give_back_freed()
     values = extras.objects or values_at_objects(done, None, ())
     exposed = exposed_table(extras.placed, values, extras.levels)
     lines = run_lines(progress, angles)

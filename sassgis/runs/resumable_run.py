@@ -17,7 +17,7 @@ from sassgis.outputs.frames import require_parquet
 from sassgis.runs.inputs import collected_notices, input_digests, read_map_run
 from sassgis.settings.languages import named, phrase
 from sassgis.settings.map_run import BlockRows, Config, MapRun, Round
-from sassgis.settings.process import give_back_arrays, require_memory
+from sassgis.settings.process import give_back_arrays, give_back_freed, require_memory
 from sassgis.settings.statistics_table import SUM_NAMES
 from sassgis.simulation.accumulators import Progress, join_parts
 from sassgis.simulation.checkpoint import Checkpoint
@@ -194,6 +194,7 @@ def simulate_job(
             tolerance = check_tolerance(run, planned, jobs)
         except KeyboardInterrupt:
             raise Interrupted(f"stopped by the user{checkpoint.kept}") from None
+    give_back_freed()
     warnings = (
         *job.notices,
         *_changed(job),

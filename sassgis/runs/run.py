@@ -39,6 +39,7 @@ from sassgis.runs.resumable_run import (
 from sassgis.runs.variant_lab import DrawnGround, drawn_ground, spread_rules
 from sassgis.settings.languages import in_language, phrase
 from sassgis.settings.map_run import MapRun
+from sassgis.settings.process import give_back_freed
 from sassgis.settings.results import RasterLayer, StopReason
 from sassgis.settings.statistics_table import bins_of
 from sassgis.simulation.accumulators import Progress
@@ -270,6 +271,7 @@ def write_zones(
             # Their figures are drawn while this process makes the zones.
             blocks = begun(work, done, rules.placed)
         found = assessed(rules, done, jobs if isinstance(jobs, int) else 1)
+        give_back_freed()
         if first is not None:
             first(found)
         with in_language(language):

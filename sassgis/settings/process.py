@@ -28,6 +28,15 @@ def give_back_arrays() -> None:
         ctypes.CDLL(None).mallopt(_MMAP_THRESHOLD, _LARGE)
 
 
+def give_back_freed() -> None:
+    """Give the system back what was freed in small parts, where the C library is glibc.
+
+    It stays with the process otherwise, in holes between what is still in use.
+    """
+    with suppress(AttributeError, OSError, TypeError):
+        ctypes.CDLL(None).malloc_trim(0)
+
+
 def require_memory(need: Mapping[str, int], file: object = None, most: int | None = None) -> None:
     """Refuse what needs more memory than this process may have; where that is unknown, nothing.
 

@@ -82,6 +82,8 @@ class SourceSums:
 
     def plus(self, differences: SourceSums) -> SourceSums:
         """Return these counts and their differences from others: the others."""
+        if not differences._places.size:
+            return self
         out = SourceSums(self.n_energies)
         for own in (self.counts(), differences.counts()):
             out.add(own.places, own.count, own.square)
