@@ -211,8 +211,8 @@ def simulate_blocks(
 ) -> int:  # fmt: skip
     """Simulate all blocks of stratum ``i``; parameters and what it returns as simulate_strata.
 
-    If wanted, a block whose motion a barrier has changed is simulated again without barriers:
-    without effects from there on.
+    If wanted, a block whose motion a barrier has changed is simulated again without barriers: from
+    that barrier on, or from the release where there are effects.
     """
     compared = rows.reasons_without.size > 0
     again = False
