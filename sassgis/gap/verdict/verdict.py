@@ -512,7 +512,7 @@ def confidence_of(
     if effect == UNKNOWN:
         return math.nan
     named = [NONE] if effect == CONTACT_LAW else effect.split("+")
-    if effect in CAUSES:
+    if effect in CAUSES and effect != CONTACT_LAW:
         own = probability_beside_certain(effect, prints, shares, thresholds)
     else:
         own = sum(shares.get(name, 0.0) for name in named)

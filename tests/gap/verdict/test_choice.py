@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 from dataclasses import replace
 from typing import Any, cast
 
@@ -16,7 +17,7 @@ from sassgis.engine.effects.trees import Trees as Forest
 from sassgis.gap.causes.all_causes import CAUSES, FAMILIES, STATISTICS
 from sassgis.gap.causes.cause import ParameterDraws, reaches_between
 from sassgis.gap.diagnosis import CauseGain, Fingerprint, GapFinding
-from sassgis.gap.fit.hypothesis_fit import CONTACT_LAW, NONE, draw, families_to_try
+from sassgis.gap.fit.hypothesis_fit import CONTACT_LAW, NONE, UNKNOWN, draw, families_to_try
 from sassgis.gap.fit.site_data import SiteData, scale_of
 from sassgis.gap.forward.observation_operator import rock_quantities
 from sassgis.gap.forward.released_rocks import model_as_json
@@ -206,6 +207,14 @@ def test_a_family_is_named_where_it_is_probable_and_closes_something() -> None:
     assert answer([flights], trees, [gap(1.0)], -0.1)[0] == "unknown"
     two = shares(trees=0.45, air_drag=0.4)
     assert answer([struck], two, [gap(1.0)]) == ("unknown", "along the way")
+
+
+def test_the_confidence_of_another_law_is_the_probability_of_no_cause() -> None:
+    p = {NONE: 0.6, "trees": 0.3, UNKNOWN: 0.1}
+    assert confidence_of(CONTACT_LAW, [], p, FROZEN) == pytest.approx(
+        min(0.6, FROZEN.right.get(CONTACT_LAW, 1.0))
+    )
+    assert math.isnan(confidence_of(UNKNOWN, [], p, FROZEN))
 
 
 def test_a_cause_that_is_certain_by_itself_takes_nothing_from_another() -> None:
