@@ -130,20 +130,19 @@ def study(name: str, slopes: list[Slope], rocks: int) -> tuple[list[dict], list[
     return summary, per_line
 
 
-def draw(summary: list[dict], rocks: dict[str, int], out: Path) -> None:
-    """A figure per slope; quantities that do not change have no panel."""
-    for name, count in rocks.items():
-        shown = {}
-        for q in dict.fromkeys(r["quantity"] for r in summary if r["slope"] == name):
-            rows = [r for r in summary if r["slope"] == name and r["quantity"] == q]
-            arrays = tuple(
-                np.array([float(r[k]) for r in rows]) for k in ("value", "low_95", "high_95")
-            )
-            if np.ptp(np.concatenate(arrays)) > 1e-9 and not q.startswith("arrivals"):
-                shown[q] = arrays
-        tolerances = np.array([float(r["tolerance_m"]) for r in rows])
-        title = f"{name}: {count} rocks for each tolerance"
-        save(convergence_figure(tolerances, shown, title=title), out / f"{name}.png")
+def draw(summary: list[dict], name: str, count: int, out: Path) -> None:
+    """A figure of one slope; quantities that do not change have no panel."""
+    shown = {}
+    for q in dict.fromkeys(r["quantity"] for r in summary if r["slope"] == name):
+        rows = [r for r in summary if r["slope"] == name and r["quantity"] == q]
+        arrays = tuple(
+            np.array([float(r[k]) for r in rows]) for k in ("value", "low_95", "high_95")
+        )
+        if np.ptp(np.concatenate(arrays)) > 1e-9 and not q.startswith("arrivals"):
+            shown[q] = arrays
+    tolerances = np.array([float(r["tolerance_m"]) for r in rows])
+    title = f"{name}: {count} rocks for each tolerance"
+    save(convergence_figure(tolerances, shown, title=title), out / f"{name}.png")
 
 
 def splitting(slopes: list[Slope], rocks: int) -> list[dict]:
@@ -248,7 +247,7 @@ def main() -> None:
         summary += rows
         lines[name] = per_line
     write_csv(out / "summary.csv", summary)
-    draw(summary, {n: len(slopes) * options.rocks for n, slopes in sets.items()}, out)
+    draw(summary, "valley", LINES * options.rocks, out)
     for name, rows in lines.items():
         write_csv(out / f"lines_{name}.csv", rows)
     cut = splitting(

@@ -1,10 +1,9 @@
 """Does another way of drawing blocks give the same certainty in less time?
 
 ``python docs/studies/sampling.py DATA -o docs/studies/sampling`` simulates blocks from some release
-points of the sample valley and of a terrain model of Land Tirol in DATA. It writes decided.json,
-how alike blocks go on with other draws from a chainage on; and after an hour or so (``--part`` is
-one of the two) sampling.json: the variance of reach probabilities between many repetitions times
-processor time, of plain sampling over that of
+points of the sample valley and of a terrain model of Land Tirol in DATA. It writes after an hour or
+so sampling.json: the variance of reach probabilities between many repetitions times processor time,
+of plain sampling over that of
 
 - draws of size, density, orientation, place, drift and rolling friction that are spread evenly over
   the blocks of each release point: Latin hypercubes (McKay, Beckman and Conover 1979) and scrambled
@@ -377,52 +376,23 @@ def rows_of(site: str, found: dict[str, tuple[NDArray, NDArray, float]]) -> Iter
         }  # fmt: skip
 
 
-def decided(site: str, run: MapRun) -> Iterator[dict]:
-    """How alike the run-out of blocks is that have other draws from a chainage on."""
-    points = Points(run)
-    none, waste = np.empty(0), np.zeros(ROOM)
-    for share in (0.5, 0.1):
-        same, alike = [], []
-        for p in range(0, POINTS, 4):
-            unit = units(PLAIN, np.random.default_rng(p), PILOT)
-
-            def furthest(levels: FloatArray, p: int = p, unit: FloatArray = unit) -> FloatArray:
-                return points.follow(
-                    p, unit, np.random.default_rng(p), levels, 1, none, waste
-                )[1]  # fmt: skip
-
-            one = furthest(none)
-            level, far = np.quantile(one, [1.0 - share, 1.0 - 0.1 * share])
-            other = furthest(np.array([level]))
-            on = one >= level
-            same.append(float((one[on] == other[on]).mean()))
-            alike.append(float(np.corrcoef(one[on] >= far, other[on] >= far)[0, 1]))
-        yield {"site": site, "share": share, "same": same, "alike": alike, "points": len(same)}
-
-
 def main() -> None:
     """Compare all designs on both terrains."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("data", type=File)
     parser.add_argument("-o", "--output", type=File, required=True)
     parser.add_argument("--repeated", type=int, default=REPEATED)
-    parser.add_argument("--part", choices=("decided", "sampling"))
     given = parser.parse_args()
-    rows: dict[str, list[dict]] = {"decided": [], "sampling": []}
+    rows: list[dict] = []
     with TemporaryDirectory() as work:
         other = File(work) / "avaKot.toml"
         other.write_text(config_of(given.data, "avaKot", spacing=20.0), encoding="utf-8")
         for name, path in (("valley", VALLEY), ("avaKot", other)):
             run = read_map_run(load_config(path))
-            if given.part != "sampling":
-                rows["decided"] += decided(name, run)
-            if given.part != "decided":
-                rows["sampling"] += rows_of(name, sampled(run, given.repeated))
+            rows += rows_of(name, sampled(run, given.repeated))
     given.output.mkdir(parents=True, exist_ok=True)
-    for part, own in rows.items():
-        if own:
-            text = json.dumps({"far": FAR, "classes": CLASSES, "rows": own}, indent=1)
-            (given.output / f"{part}.json").write_text(text + "\n", encoding="utf-8")
+    text = json.dumps({"far": FAR, "classes": CLASSES, "rows": rows}, indent=1)
+    (given.output / "sampling.json").write_text(text + "\n", encoding="utf-8")
 
 
 if __name__ == "__main__":

@@ -27,51 +27,6 @@ from sassgis.report.figures.style import (
     new_figure,
 )
 
-_LABELS = ("run-out along the fall line (m)", "lateral offset (m), positive to the right")
-
-
-@house_style()
-def stops_figure(seen: FloatArray, made: FloatArray, labels: Sequence[str], title: str) -> Figure:
-    """Stops by group: observed, with the range of the predictions.
-
-    Parameters
-    ----------
-    seen : float64, shape (n, 2)
-        Chainage and lateral offset (m).
-    made : float64, shape (n, m, 2)
-    labels : sequence of str, length n
-        Group of each rock.
-    """
-    groups = sorted(set(labels))
-    own = np.array([groups.index(label) for label in labels])
-    figure = new_figure(WIDTH_IN, 0.95 + 0.5 * len(groups))
-    axes = figure.subplots(1, 2, sharey=True)
-    for q, ax in enumerate(axes):
-        for g in range(len(groups)):
-            rows = own == g
-            low, first, middle, third, high = np.quantile(
-                made[rows, :, q], [0.05, 0.25, 0.5, 0.75, 0.95]
-            )
-            ax.plot([low, high], [g - 0.14] * 2, color=BLUE, lw=1.2, solid_capstyle="butt")
-            ax.plot([first, third], [g - 0.14] * 2, color=BLUE, lw=6, solid_capstyle="butt")
-            ax.plot([middle] * 2, [g - 0.26, g - 0.02], color=INK, lw=1.2)
-            # Coincident points are separated by a little height.
-            lift = 0.16 + 0.06 * (np.arange(rows.sum()) % 4)
-            ax.plot(
-                seen[rows, q], g + lift, "D", ms=3, mfc=ORANGE, mec=INK, mew=0.3, ls="none"
-            )  # fmt: skip
-        ax.set_xlabel(_LABELS[q])
-        ax.set_ylim(-0.5, len(groups) - 0.4)
-    axes[0].set_yticks(range(len(groups)))
-    axes[0].set_yticklabels([f"{g}\n{(own == i).sum()} rocks" for i, g in enumerate(groups)])
-    figure.suptitle(title, x=0.01, ha="left", weight="bold")
-    figure.supxlabel(
-        "diamonds: observed; below them the predictions: 5 to 95 %, 25 to 75 %, median",
-        size=SMALL, color=GREY, x=0.01, ha="left",
-    )  # fmt: skip
-    return figure
-
-
 _FORM_COLOURS = {"base": INK, "velocity_scaled": BLUE, "scar": GREEN, "slip": VERMILION}
 _PANELS = ("v_t after (m/s)", "v_n after (m/s)", "spin after (rad/s)", "energy kept")
 

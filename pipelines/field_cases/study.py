@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 from scipy.stats import energy_distance
 
 import sassgis
-from field_cases.figures import stops_figure
 from field_cases.sites import Site
 from field_cases.tables import FieldCase, fresh, in_one_line, parser, write_json
 from sassgis.gap.diagnosis import GapFinding
@@ -25,7 +24,6 @@ from sassgis.gap.residuals.residual_table import residuals_of
 from sassgis.gap.residuals.rock_residuals import mean_gap_tests
 from sassgis.gap.verdict.verdict import where
 from sassgis.grid import FloatArray
-from sassgis.report.figures import save
 from sassgis.runs.calibrate import calibrate, read_case
 from sassgis.runs.diagnose import diagnose
 
@@ -64,7 +62,7 @@ def study(
     groups: Mapping[str, str],
     more: Mapping[str, Any] | None = None,
 ) -> None:
-    """Write ``results.json`` and figures.
+    """Write ``results.json``.
 
     Parameters
     ----------
@@ -90,8 +88,6 @@ def study(
         results["untuned"] = compare(seen, made, labels, given.seed)
         results["between_groups_p"] = between_groups(seen - made.mean(axis=1), labels, given.seed)
         results["apparent_friction"] = apparent_friction(everything, labels)
-        title = f"{case.name}: stops of the untuned model"
-        save(stops_figure(seen, made, labels, title), out / "untuned.png")
     residuals = residuals_of(everything, configured_model(everything), seed=given.seed)
     found = where(everything, residuals, seed=given.seed)
     results["untuned_where"] = [_finding(f) for f in found[:SHOWN]]

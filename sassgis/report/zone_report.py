@@ -124,7 +124,7 @@ def zone_figures(
         figures.intensity_figure(grid, intensities, marks),
     )
     text = (
-        "With another random seed, some cells change level. The hatched cells hold {} % of "
+        "With another random seed, cells may change level. The hatched cells hold {} % of "
         "these changes. More blocks reduce their number. Other onset frequencies or ground "
         "parameters may change any cell."
     )

@@ -341,7 +341,9 @@ class HazardSettings(Section):
         float,
         Interval(ge=0.5, le=0.9999),
         "share of all changes of the level by another random seed that the statistically "
-        "uncertain (hatched) cells hold",
+        "uncertain (hatched) cells hold; also the probability that another seed gives no level "
+        "below lowest_level, and none above highest_level; in a mosaic made block by block only "
+        "this probability",
     ] = 0.95
     blocks: Annotated[
         Literal["given", "auto"],
