@@ -56,7 +56,8 @@ class MoreBlocks:
         self.tell(
             f"{progress.simulated} blocks: with another random seed, "
             f"{100 * chances.changed_share:.1f} % of the zoned area changes level; "
-            f"criterion: {100 * share:.1f} % (larger of this and the mean of the levels)"
+            f"target {100 * self.budget.changed_share:.3g} %, now {100 * share:.1f} % (larger of "
+            "this and the mean of the levels)"
         )
         if share <= self.budget.changed_share:
             return None

@@ -223,6 +223,17 @@ def simulation_warnings(run: MapRun, progress: Progress) -> list[str]:
             # A share is one of several blocks.
             named = n if n < _FEW * of else of
             out.append(counted(named, one, several, _some_blocks(n, of)))
+    roofs = [
+        line.name
+        for i, (line, _) in enumerate(run.control_lines)
+        if line.kind == "gallery" and progress.control_lines.arrivals(i)
+    ]
+    if roofs:
+        text = (
+            "Blocks that land on the roof of a gallery are simulated as if there were no roof: {}. "
+            "Energies, frequencies and risk under it and below it are too high."
+        )
+        out.append(phrase(text, ", ".join(roofs)))
     if progress.lost:
         text = (
             "Blocks not simulated, because their release points lie on cells without height or "

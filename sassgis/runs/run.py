@@ -297,6 +297,18 @@ def assessed(rules: Rules, done: Simulation, jobs: int = 1) -> Assessment:
     )  # fmt: skip
 
 
+def _reused(file: Path, tell: Callable[[str], None], run: MapRun) -> Progress:
+    """Begin with areas of an earlier result, and state which."""
+    progress = begun_with(file, run)
+    of_earlier = [area.name for i, area in enumerate(run.areas) if i in progress.reused]
+    again = [area.name for i, area in enumerate(run.areas) if i not in progress.reused]
+    tell(
+        f"Reused from {file.parent}: {', '.join(of_earlier) or 'no area'}; "
+        f"simulated again: {', '.join(again) or 'none'}"
+    )
+    return progress
+
+
 def zone_simulation(
     job: Job,
     rules: Rules,
@@ -324,7 +336,7 @@ def zone_simulation(
     if reuse is not None:
         if begin is None:
             raise ConfigError(_NOT_REUSED, file=job.config.file, field="barriers")
-        begin = partial(begun_with, reuse / KEPT_NAME)
+        begin = partial(_reused, reuse / KEPT_NAME, place.tell)
         schedule += f" {saved_digest(reuse / KEPT_NAME)}"
     done = simulate_job(
         job, place, next_round=more, schedule=schedule, sums_only=sums_only, begin=begin

@@ -311,7 +311,7 @@ def _zone_rows(both: _Both) -> Iterator[ChangeRow]:
 
 
 def _runout_rows(both: _Both) -> Iterator[ChangeRow]:
-    yield ChangeRow("run-out", "", "blocks that started", "1", *(r.blocks for r in both))
+    yield ChangeRow("run-out", "", "blocks that started (weighted)", "1", *(r.blocks for r in both))
     counts = [r.manifest["counts"] for r in both]
     for key, name in _RUNOUT.items():
         if any(key in own for own in counts):

@@ -93,7 +93,7 @@ def test_a_known_shift_gives_the_known_table() -> None:
     assert (energy.before, energy.after, energy.change) == (500.0, 250.0, -250.0)
     # High and left, high and lower, new and low.
     assert (found.lower_m2, found.higher_m2) == (24.0, 12.0)
-    assert found.row("run-out", "blocks that started").after == 100
+    assert found.row("run-out", "blocks that started (weighted)").after == 100
 
 
 @given(st.integers(0, 6), st.integers(0, 6), st.floats(0.01, 1.0), st.floats(0.01, 1.0))
