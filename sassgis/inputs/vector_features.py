@@ -301,7 +301,9 @@ def onto_grid(
         systems = f"from {plane.name} to {crs_name(grid.crs)}"
         notice(f"{file}: reprojected {systems}", "info")
     if not _meets(moved, grid):
-        error = outside(file, place, labels[0], _bounds(moved), grid)
+        several = f"each of {len(moved)} features, the first {labels[0]},"
+        who = labels[0] if len(moved) == 1 else several
+        error = outside(file, place, who, _bounds(moved), grid)
         lat, lon = shapely.get_coordinates(list(shapes)).T
         if move and plane.is_geographic and (grid.cell_of(*move.transform(lon, lat)) >= 0).any():
             found, expected = extent_text(*bounds), "longitude first"

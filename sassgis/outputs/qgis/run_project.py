@@ -20,11 +20,12 @@ from sassgis.inputs.result_folder import EDITS_FILE
 from sassgis.outputs.qgis.entries import LayerEntry, LayerGroup, without_empty
 from sassgis.outputs.qgis.layout import PrintLayout, map_frame, scale_text, with_margin
 from sassgis.outputs.qgis.project import write_project
+from sassgis.settings.blocks import BlockPopulation
 from sassgis.settings.ground import GroundClass
 from sassgis.settings.hazard_rules import HazardPreset
 from sassgis.settings.languages import joined, phrase
 from sassgis.settings.map_run import MapRun
-from sassgis.settings.results import RasterLayer
+from sassgis.settings.results import RasterLayer, short
 from sassgis.settings.settings import ProjectSettings
 
 _VECTORS = "hazard.gpkg"
@@ -81,7 +82,7 @@ def sheet_words(
             grid.vertical_datum or phrase("of an unstated datum"),
         )),
         ("Release areas", ", ".join(a.name for a in run.areas)),
-        ("Block scenarios", ", ".join(b.name for b in run.blocks)),
+        ("Block scenarios", ", ".join(f"{b.name} ({_volumes(b)} m³)" for b in run.blocks)),
         ("Barriers", phrase("counted: {}", ", ".join(walls)) if walls else phrase("none")),
         ("Simulated blocks", f"{rocks}"),
         ("Contact", imprint.contact),
@@ -168,6 +169,11 @@ def write_run_project(
         # Where no block arrives there are no zones, and no sheet of them.
         layouts=[layout for layout in layouts if keys.issuperset(layout.layers)],
     )
+
+
+def _volumes(block: BlockPopulation) -> str:
+    low, high = map(short, block.volume_limits_m3)
+    return low if low == high else f"{low}\N{EN DASH}{high}"
 
 
 def run_layouts(words: PrintLayout, layers: Sequence[RasterLayer]) -> tuple[PrintLayout, ...]:
