@@ -275,14 +275,14 @@ class Extras:
 
 
 @dataclass(frozen=True, slots=True)
-class BlockMaps:
+class BlockFigures:
     """Maps of the blocks, and the figures that show nothing else."""
 
     layers: tuple[RasterLayer, ...]
     figures: tuple[ReportFigure, ...]
 
 
-def begun(work: Path, done: Simulation, placed: PlacedObjects) -> BlockMaps:
+def begun(work: Path, done: Simulation, placed: PlacedObjects) -> BlockFigures:
     """Make maps of the blocks and begin to draw them, in the language of the settings."""
     run, planned, progress = done.run, done.planned, done.progress
     layers = block_maps(
@@ -292,7 +292,7 @@ def begun(work: Path, done: Simulation, placed: PlacedObjects) -> BlockMaps:
     shown = None if furthest is None else paths_on_line(run, planned, *furthest[1:])
     objects = map_objects(placed)
     drawn = block_pictures(run, progress, layers, shown, objects, work / "figures")
-    return BlockMaps(layers, drawn)
+    return BlockFigures(layers, drawn)
 
 
 #: All maps; the report in its language; the warnings in English.
@@ -305,7 +305,7 @@ def publish_map(
     areas: Sequence[str] | None,
     tell: Callable[[str], None],
     extras: Extras,
-    blocks: BlockMaps,
+    blocks: BlockFigures,
 ) -> Published:
     """Write the result of a run on the map into a folder, in the language of the settings.
 
@@ -449,7 +449,7 @@ def _write_rows(folder: Path, done: Simulation, tell: Callable[[str], None]) -> 
 def _write_report(
     work: Path,
     done: Simulation,
-    blocks: BlockMaps,
+    blocks: BlockFigures,
     extras: Extras,
     warnings: Sequence[str],
     facts: Mapping[str, object],
