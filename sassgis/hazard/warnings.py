@@ -223,11 +223,10 @@ def simulation_warnings(run: MapRun, progress: Progress) -> list[str]:
             # A share is one of several blocks.
             named = n if n < _FEW * of else of
             out.append(counted(named, one, several, _some_blocks(n, of)))
-    roofs = [
-        line.name
-        for i, (line, _) in enumerate(run.control_lines)
-        if line.kind == "gallery" and progress.control_lines.arrivals(i)
+    arrivals = [
+        (line, progress.control_lines.arrivals(i)) for i, (line, _) in enumerate(run.control_lines)
     ]
+    roofs = [line.name for line, n in arrivals if n and line.kind == "gallery"]
     if roofs:
         text = (
             "Blocks that land on the roof of a gallery are simulated as if there were no roof: {}. "
@@ -243,11 +242,7 @@ def simulation_warnings(run: MapRun, progress: Progress) -> list[str]:
         out.append(phrase(text, progress.lost))
     sources = {area for area, _ in progress.sources}
     out += idle_areas(area.name for i, area in enumerate(run.areas) if i not in sources)
-    idle = [
-        line.name
-        for i, (line, _) in enumerate(run.control_lines)
-        if progress.control_lines.arrivals(i) == 0
-    ]
+    idle = [line.name for line, n in arrivals if not n]
     if idle:
         out.append(_set_up("No block reaches: {}.", ", ".join(idle)))
     return [

@@ -303,6 +303,13 @@ def _ground_table(run: MapRun, reached: IntArray) -> ReportTable:
     )  # fmt: skip
 
 
+def passing_figures(progress: Progress, folder: Path) -> list[ReportFigure]:
+    """Draw what passes each station and barrier that blocks reach."""
+    total, caption = int(progress.reasons.sum()), "First downhill passage of each block."
+    alts = {row["name"]: station_alt(row) for row in control_line_rows(progress.control_lines)}
+    return station_figures(progress.control_lines, total, folder, caption, alts)
+
+
 def block_pictures(
     run: MapRun,
     progress: Progress,
@@ -310,28 +317,11 @@ def block_pictures(
     furthest: LinePaths | None,
     objects: Sequence[MapObject],
     folder: Path,
-) -> tuple[ReportFigure, ...]:
-    """Draw the maps, a profile, the run-out, and what passes stations and barriers.
+) -> list[ReportFigure]:
+    """Draw the maps, a profile and the run-out; some cell is reached.
 
     ``furthest`` are the paths on the line of the block with the longest run-out.
     """
-    maps: list[ReportFigure] = []
-    if progress.sums.cells.size:
-        maps = _pictures(run, progress, layers, furthest, objects, folder)
-    total, caption = int(progress.reasons.sum()), "First downhill passage of each block."
-    alts = {row["name"]: station_alt(row) for row in control_line_rows(progress.control_lines)}
-    return (*maps, *station_figures(progress.control_lines, total, folder, caption, alts))
-
-
-def _pictures(
-    run: MapRun,
-    progress: Progress,
-    layers: Sequence[RasterLayer],
-    furthest: LinePaths | None,
-    objects: Sequence[MapObject],
-    folder: Path,
-) -> list[ReportFigure]:
-    """Draw the maps, a profile and the run-out."""
     by_stem = {layer.stem: layer for layer in layers}
     marks = map_marks(run, objects)
     pictures = []

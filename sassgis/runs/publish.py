@@ -47,6 +47,7 @@ from sassgis.report.map_report import (
     map_marks,
     map_report,
     object_lines,
+    passing_figures,
     run_lines,
 )
 from sassgis.report.page import (
@@ -290,9 +291,10 @@ def begun(work: Path, done: Simulation, placed: PlacedObjects) -> BlockFigures:
     )
     furthest = progress.furthest
     shown = None if furthest is None else paths_on_line(run, planned, *furthest[1:])
-    objects = map_objects(placed)
-    drawn = block_pictures(run, progress, layers, shown, objects, work / "figures")
-    return BlockFigures(layers, drawn)
+    drawn, folder = list[ReportFigure](), work / "figures"
+    if progress.sums.cells.size:
+        drawn = block_pictures(run, progress, layers, shown, map_objects(placed), folder)
+    return BlockFigures(layers, (*drawn, *passing_figures(progress, folder)))
 
 
 #: All maps; the report in its language; the warnings in English.

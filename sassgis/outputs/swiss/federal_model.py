@@ -25,7 +25,7 @@ from sassgis.files.plain_file import NO_XML
 from sassgis.files.vector_layer import VectorLayer
 from sassgis.grid import Bounds, Grid
 from sassgis.hazard.levels import opaque, zone_style
-from sassgis.hazard.zoning.coverage import cell_polygons
+from sassgis.hazard.zoning.coverage import cell_polygons, within_terrain
 from sassgis.settings.crs import crs_parts, same_crs
 from sassgis.settings.hazard_rules import Canton, HazardLevel, HazardPreset, IntensityClass
 from sassgis.settings.map_run import Config
@@ -356,8 +356,8 @@ def federal_layers(
     complete = {}
     if rules.assessed:
         # Only what somebody draws and vouches for is complete.
-        known = shapely.union_all(assessed).intersection(shapely.union_all(rules.assessed))
-        assessed = np.array([known], np.object_)
+        within = within_terrain(rules.assessed, grid)
+        assessed = np.array([shapely.union_all(list(within))], np.object_)
         complete = {"rf_state_rock_fall": "assessed_and_complete"}
     along = "a path for each block" if config.terrain.path == "followed" else "fall lines"
     method = (
