@@ -10,12 +10,22 @@ import numpy as np
 from sassgis.compiled.jit import inlined, kernel, lean
 from sassgis.engine.ellipse import CountedRows, Record
 from sassgis.engine.fork import keep_fork
+from sassgis.engine.profile import segment_at
 from sassgis.engine.resistance import share_gained
-from sassgis.engine.state import BARRIER, CROSSING_DTYPE, Block, Output, Site, end
+from sassgis.engine.roofs import move_over_roof, roof_landing
+from sassgis.engine.state import (
+    BARRIER,
+    CROSSING_DTYPE,
+    Block,
+    Output,
+    Physics,
+    Site,
+    end,
+)
 from sassgis.grid import FloatArray, IntArray
 from sassgis.settings.results import Outcome
 
-PASSED, STOPPED, OVERTOPPED, BROKE_THROUGH, HELD_BY_NET, _ = map(int, Outcome)
+PASSED, STOPPED, OVERTOPPED, BROKE_THROUGH, HELD_BY_NET, ON_ROOF = map(int, Outcome)
 
 # Kinds of control line: no barrier, one that stops for good, one after which a block moves on from
 # rest.
@@ -43,6 +53,8 @@ class ControlLineTable(NamedTuple):
     kind: IntArray
     height: FloatArray  # (m)
     capacity: FloatArray  # (J)
+    width: FloatArray  # of the roof of a gallery (m); else 0
+    slope: FloatArray  # of that roof, falling (tangent)
 
 
 @kernel
@@ -67,6 +79,8 @@ def crossings_of(
         row.kind = lines.kind[number[i]]
         row.height = lines.height[number[i]]
         row.capacity = lines.capacity[number[i]]
+        row.width = lines.width[number[i]]
+        row.slope = lines.slope[number[i]]
         row.number = number[i]
     return CountedRows(rows, np.full(1, chainage.size, np.int64))
 
@@ -74,9 +88,12 @@ def crossings_of(
 @lean
 def _write_passage(
     state: Record, output: Output, block: Block, crossings: CountedRows, crossing: Record,
-    outcome: int, vx: float, vz: float, omega: float, height: float,
+    outcome: int, vx: float, vz: float, omega: float, height: float, into_roof: float,
 ) -> None:  # fmt: skip
-    """Write the passage of a block where it first comes to a control line."""
+    """Write the passage of a block where it first comes to a control line.
+
+    ``into_roof`` is the speed at which it lands on a roof (m/s); 0: it does not.
+    """
     for i in range(crossings.n[0]):
         # A line that is crossed twice acts twice, but is passed once.
         if crossings.rows[i].number == crossing.number:
@@ -92,6 +109,7 @@ def _write_passage(
     row.height_m = height
     row.energy_trans_kj = 0.5e-3 * block.mass * (vx * vx + vz * vz)
     row.energy_rot_kj = 0.5e-3 * block.mass * block.inertia * omega * omega
+    row.roof_energy_kj = 0.5e-3 * block.mass * into_roof * into_roof
     row.mass_kg = block.mass
     # In cells: the driver knows where these lie.
     row.x_m = state.from_u + (crossing.x - state.from_x) * state.du
@@ -144,6 +162,13 @@ def _comes_to(state: Record, crossing: Record, x_end: float, forward: bool) -> b
 
 
 @lean
+def passing_height(block: Block, site: Site, crossing: Record, near: int, z: float) -> float:
+    """Return the passing height (m) of a block whose centre is at height z (m) at a line."""
+    here = site.profile.rows[segment_at(site.profile, crossing.x, near)]
+    return float(max(z - crossing.z - block.b / here.tx, 0.0))
+
+
+@lean
 def control_lines_in_flight(
     state: Record, block: Block, site: Site, output: Output, gravity: float, until: float
 ) -> Meeting:
@@ -155,7 +180,6 @@ def control_lines_in_flight(
     if vx == 0.0:
         return no_meeting()
     crossings = site.crossings
-    profile = site.profile
     n = crossings.n[0]
     x_end = state.x + vx * until
     forward = vx > 0.0
@@ -173,6 +197,8 @@ def control_lines_in_flight(
         z = state.z + (state.vz - 0.5 * gravity * t) * t
         outcome = PASSED
         left = 1.0
+        into_roof = 0.0
+        height = passing_height(block, site, crossing, state.segment, z)
         if crossing.kind != STATION and not state.meets_none:
             angle = state.theta - state.omega * t
             down = math.sqrt((block.a * math.sin(angle)) ** 2 + (block.b * math.cos(angle)) ** 2)
@@ -181,14 +207,16 @@ def control_lines_in_flight(
                 spin = block.inertia * state.omega * state.omega
                 energy = 0.5 * block.mass * (vx * vx + wz * wz + spin)
                 outcome, left = _at_barrier(crossing, kept * kept * energy)
+            elif forward and crossing.width > 0.0:
+                above = max(height - crossing.height, 0.0)
+                landing = roof_landing(above, kept * vx, kept * wz, crossing.slope, gravity)
+                if landing.distance <= crossing.width:
+                    outcome = ON_ROOF
+                    into_roof = landing.into
         if forward and not crossing.seen:
-            j = state.segment
-            while j < profile.n[0] - 1 and profile.rows[j + 1].x < line_x:
-                j += 1
-            height = max(z - crossing.z - block.b / profile.rows[j].tx, 0.0)
             _write_passage(
                 state, output, block, crossings, crossing, outcome, kept * vx, kept * wz,
-                kept * state.omega, height
+                kept * state.omega, height, into_roof
             )  # fmt: skip
         met = _met_too(met, i, t, outcome, left)
     if met.line >= 0:
@@ -220,8 +248,9 @@ def up_to(stretch: Stretch, x: float, share: float) -> Stretch:
 
 @lean
 def control_lines_on_ground(
-    state: Record, block: Block, site: Site, output: Output, stretch: Stretch, ux: float, uz: float
-) -> Meeting:
+    state: Record, block: Block, site: Site, output: Output, stretch: Stretch, ux: float, uz: float,
+    gravity: float,
+) -> Meeting:  # fmt: skip
     """Return the stations and barriers that a stretch in the direction (ux, uz) comes to.
 
     Passages are written.
@@ -249,16 +278,22 @@ def control_lines_on_ground(
         spin2 = max(stretch.spin2 + stretch.spin_gain * done, 0.0)
         outcome = PASSED
         left = 1.0
+        into_roof = 0.0
+        speed = kept * math.sqrt(speed2)
         if crossing.kind != STATION and not state.meets_none:
             outcome = OVERTOPPED
             if crossing.height > 0.0:
                 energy = 0.5 * block.mass * (speed2 + block.inertia * spin2)
                 outcome, left = _at_barrier(crossing, kept * kept * energy)
+            elif forward and crossing.width > 0.0:
+                landing = roof_landing(0.0, speed * ux, speed * uz, crossing.slope, gravity)
+                if landing.distance <= crossing.width:
+                    outcome = ON_ROOF
+                    into_roof = landing.into
         if forward and not crossing.seen:
-            speed = kept * math.sqrt(speed2)
             _write_passage(
                 state, output, block, crossings, crossing, outcome, speed * ux, speed * uz,
-                kept * math.sqrt(spin2), 0.0
+                kept * math.sqrt(spin2), 0.0, into_roof
             )  # fmt: skip
         met = _met_too(met, i, share, outcome, left)
     if met.line >= 0:
@@ -267,9 +302,18 @@ def control_lines_on_ground(
 
 
 @lean
-def after_barrier(state: Record, outcome: int) -> None:
-    """End the motion of a block that a barrier stops; remember where a net holds one."""
+def after_barrier(
+    state: Record, block: Block, site: Site, physics: Physics, met: Meeting, height: float
+) -> None:
+    """End the motion of a block that a barrier stops; remember where a net holds one.
+
+    On the roof of a gallery it moves on; ``height`` is its passing height at the line (m).
+    """
+    outcome = met.outcome
+    crossing = site.crossings.rows[met.line]
     if outcome == STOPPED:
         end(state, BARRIER)
+    elif outcome == ON_ROOF:
+        move_over_roof(state, block, physics, crossing, max(height - crossing.height, 0.0))
     elif outcome == HELD_BY_NET:
         state.held_x = state.x

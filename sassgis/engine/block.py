@@ -126,6 +126,7 @@ def _clear(state: Record, site: Site, x: float, stretch: int) -> None:
     state.moved = False
     state.held_x = np.inf
     state.lines_from = x
+    state.roof_end = -np.inf
     state.n_passages = 0
     state.n_touched = 0
     state.furthest = x

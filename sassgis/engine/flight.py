@@ -4,18 +4,25 @@ from __future__ import annotations
 
 import math
 
-from sassgis.compiled.jit import fused, inlined
-from sassgis.engine.barriers import after_barrier, control_lines_in_flight, no_meeting
+from sassgis.compiled.jit import fused, inlined, lean
+from sassgis.engine.barriers import (
+    after_barrier,
+    control_lines_in_flight,
+    no_meeting,
+    passing_height,
+)
 from sassgis.engine.contact import next_contact
 from sassgis.engine.effects import hooks
 from sassgis.engine.ellipse import CountedRows, Record
 from sassgis.engine.ellipse_contact import Flying
 from sassgis.engine.profile import segment_at
 from sassgis.engine.recording import record_flight
+from sassgis.engine.roofs import leave_roof
 from sassgis.engine.state import (
     FLIGHT,
     IMPACT,
     LEFT_PROFILE,
+    ROLLING,
     STEP_LIMIT,
     Block,
     Output,
@@ -82,6 +89,27 @@ def _advance(
         state.moved = True
 
 
+@lean
+def _over_roof(state: Record, block: Block, site: Site, output: Output, physics: Physics) -> None:
+    """Move a block over the roof of a gallery to its lower edge, or to where the ground ends."""
+    state.phase = ROLLING
+    log_event(output.log, state, state.vx, state.vz)
+    state.phase = FLIGHT
+    to_end = _time_to_end(state, block, site.profile)
+    until = min((state.roof_end - state.x) / state.vx, to_end)
+    state.x = min(state.x + state.vx * until, state.roof_end)
+    state.z += state.vz * until
+    state.t += until
+    state.lines_from = state.x
+    state.furthest = max(state.furthest, state.x)
+    if until < to_end:
+        leave_roof(state, block, site)
+    elif state.open:
+        same_event(state, physics)
+    else:
+        end(state, LEFT_PROFILE)
+
+
 @fused
 def flight(
     state: Record,
@@ -93,6 +121,9 @@ def flight(
 ) -> None:
     """Fly to the next contact, a barrier or the end of the profile."""
     g = physics.gravity
+    if state.roof_end > state.x:
+        _over_roof(state, block, site, output, physics)
+        return
     log_event(output.log, state, 0.0, 0.0)
     limit = hooks.before_flight(
         effects, state, block, site, g, _time_to_end(state, block, site.profile)
@@ -132,10 +163,12 @@ def flight(
         state.vz *= barrier.speed_left
         state.omega *= barrier.speed_left
         state.segment = segment_at(site.profile, state.x, state.segment)
-        after_barrier(state, barrier.outcome)
+        crossing = site.crossings.rows[barrier.line]
+        height = passing_height(block, site, crossing, state.segment, state.z)
+        after_barrier(state, block, site, physics, barrier, height)
         if state.phase != FLIGHT:
             # It drops to the foot of the wall.
-            state.z = min(state.z, site.crossings.rows[barrier.line].z + block.b)
+            state.z = min(state.z, crossing.z + block.b)
     elif contact.segment < 0:
         if state.open:
             same_event(state, physics)

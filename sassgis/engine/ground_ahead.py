@@ -621,6 +621,8 @@ def _add_crossing(site: Site, path: Path, number: int, x: float) -> None:
     row.kind = path.lines.kind[number]
     row.height = path.lines.height[number]
     row.capacity = path.lines.capacity[number]
+    row.width = path.lines.width[number]
+    row.slope = path.lines.slope[number]
     row.number = number
     row.seen = path.line_seen[number]
     crossings.n[0] = n + 1

@@ -256,7 +256,7 @@ def ground_motion(
     barrier = no_meeting()
     if site.crossings.n[0] > 0:
         barrier = control_lines_on_ground(
-            state, block, site, output, stretch, direction * ux, direction * uz
+            state, block, site, output, stretch, direction * ux, direction * uz, g
         )
     at_barrier = barrier.line >= 0
     if at_barrier:
@@ -273,7 +273,7 @@ def ground_motion(
     if at_barrier:
         state.speed *= barrier.speed_left
         state.omega *= barrier.speed_left
-        after_barrier(state, barrier.outcome)
+        after_barrier(state, block, site, physics, barrier, 0.0)
     elif ends_by == rolling.PART:
         same_event(state, physics)
     else:

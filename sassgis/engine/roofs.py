@@ -1,60 +1,97 @@
-"""Blocks on the roof of a gallery, in closed form from their passage of its uphill edge."""
+"""Blocks on the roof of a gallery: where they land, how they leave it, and the force on it."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from functools import cache
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from sassgis.compiled.jit import lean
+from sassgis.engine.contact import resting_height
+from sassgis.engine.ellipse import Record
+from sassgis.engine.profile import segment_at
+from sassgis.engine.state import BARRIER, FLIGHT, Block, Physics, Site, end
 from sassgis.grid import FloatArray
 from sassgis.settings.blocks import BlockPopulation
-from sassgis.settings.results import ControlLine, Outcome
 from sassgis.settings.statistics_table import built_in_rows
 
 #: Density of a block (kg/m³) of which only the mass is known: 2000 or 3200 instead change a force
 #: by 2 %.
 _DENSITY = BlockPopulation().density_kgm3[0]
 
+# Friction of a block that rolls on the cushion (tangent): our choice, that of class debris.
+_FRICTION = 0.45
 
-def roof_landing(
-    above_m: FloatArray, vx_mps: FloatArray, vz_mps: FloatArray, slope: float, gravity: float
-) -> tuple[FloatArray, FloatArray]:
-    """Return where blocks land on a plane roof, and their speed into it (m/s).
 
-    The distance from the uphill edge is in plan (m). Blocks fly on parabolas from ``above_m`` (m)
-    above that edge; the roof falls by ``slope`` (tangent).
+class RoofLanding(NamedTuple):
+    """Where a block lands on a roof, and its velocity there."""
+
+    distance: float  # from the uphill edge, in plan (m)
+    into: float  # speed into the roof (m/s)
+    along: float  # speed down the roof (m/s)
+
+
+@lean
+def roof_landing(above: float, vx: float, vz: float, slope: float, gravity: float) -> RoofLanding:
+    """Return where a block lands that flies from ``above`` (m) over the uphill edge of a roof.
+
+    The roof is a plane that falls by ``slope`` (tangent); speeds in m/s.
     """
-    away = vz_mps + slope * vx_mps
-    closing = np.sqrt(away * away + 2.0 * gravity * above_m)
-    return vx_mps * (away + closing) / gravity, closing / math.hypot(1.0, slope)
+    away = vz + slope * vx
+    closing = math.sqrt(away * away + 2.0 * gravity * above)
+    steep = math.hypot(1.0, slope)
+    fallen = vz - away - closing
+    return RoofLanding(
+        vx * (away + closing) / gravity, closing / steep, (vx - slope * fallen) / steep
+    )
 
 
-def mark_roofs(passages: NDArray[np.void], lines: Sequence[ControlLine], gravity: float) -> None:
-    """Mark passages over the top of galleries that end on their roofs, with the normal energy.
+@lean
+def move_over_roof(
+    state: Record, block: Block, physics: Physics, crossing: Record, above: float
+) -> None:
+    """Let a block that is ``above`` (m) the uphill edge of a roof land there, and roll.
 
-    ``passages`` (PASSAGE_DTYPE) are changed in place.
+    The cushion takes the speed into the roof. That along it becomes rolling with the angular
+    momentum about the contact kept, and changes by slope and friction. The block ends on the roof,
+    or leaves it at its lower edge. In between it meets no ground and reaches no cell.
     """
-    passages["roof_energy_kj"] = 0.0
-    for number, line in enumerate(lines):
-        if line.kind != "gallery":
-            continue
-        over = np.flatnonzero(
-            (passages["control_line"] == number) & (passages["outcome"] == Outcome.OVERTOPPED)
-        )
-        own = passages[over]
-        slope = math.tan(math.radians(line.roof_slope_deg))
-        # A block whose lowest point passes above the edge may have its centre lower than at rest
-        # there.
-        above = np.maximum(own["height_m"] - line.height_m, 0.0)
-        distance, speed = roof_landing(above, own["vx_mps"], own["vz_mps"], slope, gravity)
-        lands = distance <= line.width_m
-        passages["outcome"][over[lands]] = Outcome.ON_ROOF
-        energy = 0.5e-3 * own["mass_kg"] * speed**2
-        passages["roof_energy_kj"][over[lands]] = energy[lands]
+    g = physics.gravity
+    slope = crossing.slope
+    cosine = 1.0 / math.hypot(1.0, slope)
+    landing = roof_landing(above, state.vx, state.vz, slope, g)
+    share = 1.0 if physics.point else block.roll_share
+    speed = (landing.along + (share - 1.0) * block.roll_radius * state.omega) / share
+    length = (crossing.width - landing.distance) / cosine
+    left2 = speed * speed + 2.0 * g * cosine * (slope - _FRICTION * block.drag) * length
+    if speed <= 0.0 or left2 <= 0.0:
+        end(state, BARRIER)
+        return
+    leaves = math.sqrt(left2)
+    state.phase = FLIGHT
+    state.roof_end = crossing.x + crossing.width
+    state.roof_z = crossing.z + crossing.height - slope * crossing.width + block.b / cosine
+    state.roof_vx = leaves * cosine
+    state.roof_vz = -leaves * cosine * slope
+    duration = landing.distance / state.vx + 2.0 * length / (speed + leaves)
+    state.vx = crossing.width / duration
+    state.vz = -slope * state.vx
+    state.omega = 0.0 if physics.point else leaves / block.roll_radius
+
+
+@lean
+def leave_roof(state: Record, block: Block, site: Site) -> None:
+    """Let a block fly from the lower edge of a roof; where that lies in the ground, from there."""
+    profile = site.profile
+    state.segment = segment_at(profile, state.x, state.segment)
+    lies = resting_height(state.x, state.theta, block.a, block.b, profile, state.segment)
+    state.z = max(state.roof_z, lies)
+    state.vx = state.roof_vx
+    state.vz = state.roof_vz
+    state.roof_end = -np.inf
 
 
 @cache

@@ -18,7 +18,6 @@ from sassgis.engine.effects.spawning import MOST_SPAWNED
 from sassgis.engine.ellipse import empty_table, outlined
 from sassgis.engine.ground_ahead import Path
 from sassgis.engine.kernel import Lines, Rows, Setup, Strata, Work
-from sassgis.engine.roofs import mark_roofs
 from sassgis.engine.state import EVENT_DTYPE, Physics
 from sassgis.engine.statistics import Disks, Exceedance, Objects, Totals, Wanted
 from sassgis.errors import InputError
@@ -226,6 +225,8 @@ def control_line_table(lines: Sequence[ControlLine]) -> control_line_rules.Contr
         np.array(rules, np.int64),
         np.array([line.height_m for line in lines], np.float64),
         1e3 * np.array([line.capacity_kj for line in lines], np.float64),
+        np.array([line.width_m for line in lines], np.float64),
+        np.tan(np.radians(np.array([line.roof_slope_deg for line in lines], np.float64))),
     )
 
 
@@ -513,7 +514,6 @@ def simulate(
         passed["x_m"] = passed["y_m"] = np.nan
     left = blocks_of(rows, log_events)
     left["passages"] = at_first_lines(left["passages"], compared)
-    mark_roofs(left["passages"], crossings.control_lines[:compared], settings.gravity_mps2)
     changes = totals.changes
     at_places = (cells, changes.reach) if window is None else (centres, changes.windows)
     return Simulated(

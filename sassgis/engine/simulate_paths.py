@@ -13,7 +13,6 @@ from numpy.typing import NDArray
 from sassgis.engine.cell_register import CELLS, WINDOWS, CellRegister, empty_register
 from sassgis.engine.ground_ahead import Path
 from sassgis.engine.kernel import Rows, Work
-from sassgis.engine.roofs import mark_roofs
 from sassgis.engine.simulate import (
     Simulated,
     at_first_lines,
@@ -136,9 +135,7 @@ def follow(
     assert path is not None
     found = np.zeros(n) if wanted is None else wanted.found / max(setup.n_blocks - 1, 1)
     left = _named(terrain.grid, path.register, totals, rows, work, log_events)
-    passages = at_first_lines(left.passages, compared)
-    mark_roofs(passages, lines[:compared], settings.gravity_mps2)
-    return replace(left, worth=found, passages=passages)
+    return replace(left, worth=found, passages=at_first_lines(left.passages, compared))
 
 
 def _wanted(worth: Worth | None, register: CellRegister, n: int) -> Wanted | None:

@@ -45,6 +45,8 @@ CROSSING_DTYPE = record_type(
     ("z", _F),  # height of the ground (m)
     ("height", _F),  # of the top above it (m)
     ("capacity", _F),  # energy that it takes (J)
+    ("width", _F),  # of the roof of a gallery beyond it (m); 0: no roof
+    ("slope", _F),  # by which that roof falls (tangent)
     ("kind", _I),
     ("number", _I),  # of the control line in the run
     ("seen", np.bool_),  # whether the block has been here
@@ -83,6 +85,10 @@ STATE_FIELDS: tuple[tuple[str, Any], ...] = (
     ("moved", np.bool_),
     ("held_x", _F),  # where a net held it; infinite if none has (m)
     ("lines_from", _F),  # chainage up to which control lines have been dealt with (m)
+    ("roof_end", _F),  # chainage (m) at which it leaves the roof that it is on; else minus infinity
+    ("roof_z", _F),  # its height there (m)
+    ("roof_vx", _F),
+    ("roof_vz", _F),  # (m/s)
     ("meets_none", np.bool_),  # whether it moves as if there were no barriers
     ("resumed", np.bool_),  # whether it is in an event that has been prepared before (fork.py)
     ("hindered", np.bool_),  # whether a barrier has changed its motion, or that of its parent

@@ -226,13 +226,6 @@ def simulation_warnings(run: MapRun, progress: Progress) -> list[str]:
     arrivals = [
         (line, progress.control_lines.arrivals(i)) for i, (line, _) in enumerate(run.control_lines)
     ]
-    roofs = [line.name for line, n in arrivals if n and line.kind == "gallery"]
-    if roofs:
-        text = (
-            "Blocks that land on the roof of a gallery are simulated as if there were no roof: {}. "
-            "Energies, frequencies and risk under it and below it are too high."
-        )
-        out.append(phrase(text, ", ".join(roofs)))
     if progress.lost:
         text = (
             "Blocks not simulated, because their release points lie on cells without height or "

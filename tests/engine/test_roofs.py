@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -18,18 +19,29 @@ GALLERY = ControlLine("line", "gallery", 1.0, width_m=0.5, roof_slope_deg=10.0, 
 AT = 60.0
 
 
-def past(line: ControlLine):
-    """Blocks on a rough slope that meet a control line on their way down."""
-    crossings = ControlLineCrossings.same_for_all([line], [AT], 1)
+def past(*lines: ControlLine, at: float = AT, **changes: Any):
+    """Blocks on a rough slope that meet control lines on their way down, one after another."""
+    places = [at + 10.0 * i for i in range(len(lines))]
+    crossings = ControlLineCrossings.same_for_all(lines, places, 1)
+    case = {"line": lab.LINES["rough"], "table": lab.ROCK, "blocks": lab.MIXED, "n": 300}
+    case |= {"start": (10.0, 30.0)} | changes
     return lab.run(
-        lab.LINES["rough"], lab.ROCK, lab.MIXED, n=300, start=(10.0, 30.0),
-        control_lines=crossings,
-    )  # fmt: skip
+        case.pop("line"), case.pop("table"), case.pop("blocks"), control_lines=crossings, **case
+    )
 
 
 def landing(above: float, vx: float, vz: float, slope: float) -> tuple[float, float]:
-    found = roof_landing(np.array([above]), np.array([vx]), np.array([vz]), slope, G)
-    return float(found[0][0]), float(found[1][0])
+    return tuple(roof_landing(above, vx, vz, slope, G)[:2])
+
+
+def on_a_roof(speed: float, **roof: float):
+    """A sphere that slides down an even slope of 40° onto a roof, and is passed by once more."""
+    gallery = replace(GALLERY, height_m=0.0, **roof)
+    found = past(
+        gallery, STATION, line=lab.slope((300, 40)), table=lab.plain(mu_f=0.8391),
+        blocks=lab.sphere(0.5, speed_mps=(speed, speed)), n=1, start=10.0, at=30.0,
+    )  # fmt: skip
+    return found.rocks[0], found.passages
 
 
 def test_a_block_lands_on_a_level_roof_where_its_parabola_does() -> None:
@@ -60,9 +72,8 @@ def test_force_by_hand() -> None:
     assert roof_force_kn(100.0, mass, 3200.0) == pytest.approx(614.6, rel=1e-3)
 
 
-def test_a_gallery_moves_no_block_otherwise_than_a_wall_of_its_height() -> None:
+def test_a_gallery_hits_as_a_wall_and_carries_what_goes_over_it() -> None:
     wall, gallery = past(ControlLine("line", "wall", 1.0)), past(GALLERY)
-    assert (wall.rocks == gallery.rocks).all()
     assert not wall.passages["roof_energy_kj"].any()
     for name in ("control_line", "rock", "vx_mps", "vz_mps", "height_m", "energy_rot_kj"):
         assert (wall.passages[name] == gallery.passages[name]).all(), name
@@ -76,6 +87,54 @@ def test_a_gallery_moves_no_block_otherwise_than_a_wall_of_its_height() -> None:
     energy = gallery.passages["energy_trans_kj"]
     fallen = G * 1e-3 * gallery.passages["mass_kg"] * (gallery.passages["height_m"] + 6.0)
     assert (gallery.passages["roof_energy_kj"] < energy + fallen).all()
+    other = np.isin(wall.rocks["rock"], gallery.passages["rock"][on_roof])
+    assert (wall.rocks[~other] == gallery.rocks[~other]).all()
+
+
+def test_a_block_ends_on_a_roof_or_leaves_it_at_its_lower_edge() -> None:
+    roof = replace(GALLERY, height_m=0.0, width_m=9.0)
+    wide = past(roof, STATION, start=(30.0, 58.0))
+    came = wide.passages[wide.passages["outcome"] == Outcome.ON_ROOF]
+    ends = wide.rocks[np.searchsorted(wide.rocks["rock"], came["rock"])]
+    stays = ends["reason"] == lab.BARRIER
+    assert 0 < stays.sum() < stays.size
+    assert (ends["runout_m"][stays] == AT).all() and (ends["furthest_m"][~stays] > AT + 9.0).all()
+    # What comes on to the station has not gained more than it has fallen.
+    beyond = wide.passages[wide.passages["control_line"] == 1]
+    both = np.intersect1d(came["rock"][~stays], beyond["rock"])
+    assert both.size > 10
+    first, then = (rows[np.isin(rows["rock"], both)] for rows in (came, beyond))
+    gained = sum(then[q] - first[q] for q in ("energy_trans_kj", "energy_rot_kj"))
+    fallen = 10.0 * math.tan(math.radians(36.0)) + first["height_m"] + 1.5
+    assert (gained < 1e-3 * G * first["mass_kg"] * fallen).all()
+
+
+def test_a_block_that_slides_onto_a_roof_leaves_it_by_hand() -> None:
+    """Down 40° onto 10°: cos 30° of the speed is left, two sevenths of it go into the spin."""
+    ends, passages = on_a_roof(12.0, width_m=4.0)
+    speed = 12.0 * math.cos(math.radians(30.0)) / 1.4
+    slope, length = math.radians(10.0), 4.0 / math.cos(math.radians(10.0))
+    left2 = speed**2 + 2.0 * G * (math.sin(slope) - 0.45 * math.cos(slope)) * length
+    assert passages["outcome"][0] == Outcome.ON_ROOF
+    # The lower edge lies 2.65 m above the ground; the station is 6 m away in plan.
+    vx, vz = (math.sqrt(left2) * part for part in (math.cos(slope), -math.sin(slope)))
+    fallen = vz * 6.0 / vx - 0.5 * G * (6.0 / vx) ** 2
+    above = 0.5 / math.cos(slope) - 4.0 * math.tan(slope) + 10.0 * math.tan(math.radians(40.0))
+    height = above + fallen - 0.5 / math.cos(math.radians(40.0))
+    assert height > 0.0
+    assert passages["vx_mps"][1] == pytest.approx(vx, rel=1e-3)
+    assert passages["height_m"][1] == pytest.approx(height, abs=0.02)
+    # On a level roof of 20 m, 0.45 g over its length is more than it has.
+    ends, passages = on_a_roof(12.0, width_m=20.0, roof_slope_deg=0.0)
+    assert (ends["reason"], ends["runout_m"], len(passages)) == (lab.BARRIER, 30.0, 1)
+
+
+def test_no_block_on_a_roof_reaches_the_cells_under_it() -> None:
+    gallery = replace(GALLERY, height_m=0.0, width_m=20.0, roof_slope_deg=30.0)
+    free, covered = (past(line).kept["exceed"][:, 0] for line in (STATION, gallery))
+    under = slice(31, 39)  # cells of 2 m
+    assert (free[under] > 0).all() and not covered[under].any()
+    assert (covered[:30] == free[:30]).all() and covered[41] > 0
 
 
 def test_nothing_flies_over_a_wide_gallery_and_nothing_lands_on_a_strip() -> None:
@@ -86,7 +145,7 @@ def test_nothing_flies_over_a_wide_gallery_and_nothing_lands_on_a_strip() -> Non
     assert Outcome.OVERTOPPED in strip["outcome"]
 
 
-def test_a_roof_level_with_the_ground_lets_all_blocks_pass() -> None:
+def test_a_roof_level_with_the_ground_hits_no_block() -> None:
     station, gallery = past(STATION), past(replace(GALLERY, height_m=0.0, width_m=200.0))
-    assert (station.rocks == gallery.rocks).all()
+    assert (station.passages["vx_mps"] == gallery.passages["vx_mps"]).all()
     assert (gallery.passages["outcome"] == Outcome.ON_ROOF).all()
