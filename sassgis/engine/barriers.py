@@ -128,6 +128,22 @@ def _at_barrier(crossing: Record, energy: float) -> tuple[int, float]:
 
 
 @lean
+def _over_top(
+    crossing: Record, height: float, vx: float, vz: float, gravity: float
+) -> tuple[int, float]:
+    """Return the outcome of a block over a barrier, and its speed into a gallery's roof (m/s).
+
+    ``height`` is the passing height (m); one that goes uphill meets no roof.
+    """
+    if crossing.width > 0.0 and vx > 0.0:
+        above = max(height - crossing.height, 0.0)
+        landing = roof_landing(above, vx, vz, crossing.slope, gravity)
+        if landing.distance <= crossing.width:
+            return ON_ROOF, landing.into
+    return OVERTOPPED, 0.0
+
+
+@lean
 def _is_behind(crossings: CountedRows, met: Meeting, crossing: Record) -> bool:
     """Return whether a barrier met lies before a control line, which is then not reached.
 
@@ -202,17 +218,12 @@ def control_lines_in_flight(
         if crossing.kind != STATION and not state.meets_none:
             angle = state.theta - state.omega * t
             down = math.sqrt((block.a * math.sin(angle)) ** 2 + (block.b * math.cos(angle)) ** 2)
-            outcome = OVERTOPPED
             if crossing.height > 0.0 and z - down < crossing.z + crossing.height:
                 spin = block.inertia * state.omega * state.omega
                 energy = 0.5 * block.mass * (vx * vx + wz * wz + spin)
                 outcome, left = _at_barrier(crossing, kept * kept * energy)
-            elif forward and crossing.width > 0.0:
-                above = max(height - crossing.height, 0.0)
-                landing = roof_landing(above, kept * vx, kept * wz, crossing.slope, gravity)
-                if landing.distance <= crossing.width:
-                    outcome = ON_ROOF
-                    into_roof = landing.into
+            else:
+                outcome, into_roof = _over_top(crossing, height, kept * vx, kept * wz, gravity)
         if forward and not crossing.seen:
             _write_passage(
                 state, output, block, crossings, crossing, outcome, kept * vx, kept * wz,
@@ -281,15 +292,11 @@ def control_lines_on_ground(
         into_roof = 0.0
         speed = kept * math.sqrt(speed2)
         if crossing.kind != STATION and not state.meets_none:
-            outcome = OVERTOPPED
             if crossing.height > 0.0:
                 energy = 0.5 * block.mass * (speed2 + block.inertia * spin2)
                 outcome, left = _at_barrier(crossing, kept * kept * energy)
-            elif forward and crossing.width > 0.0:
-                landing = roof_landing(0.0, speed * ux, speed * uz, crossing.slope, gravity)
-                if landing.distance <= crossing.width:
-                    outcome = ON_ROOF
-                    into_roof = landing.into
+            else:
+                outcome, into_roof = _over_top(crossing, 0.0, speed * ux, speed * uz, gravity)
         if forward and not crossing.seen:
             _write_passage(
                 state, output, block, crossings, crossing, outcome, speed * ux, speed * uz,
