@@ -44,7 +44,7 @@ class Proposal:
         if self.units is not None:
             out.append("slope unit          mean  std. dev.  share of the surface")
             out += [
-                f"  {u.name:<14}{u.mean_deg:7.1f}°{u.sd_deg:9.1f}°{100.0 * u.share:9.1f} %"
+                f"  {u.name:<14}{u.mean_deg:7.1f}°{u.sd_deg:9.1f}°{100.0 * u.surface_share:9.1f} %"
                 for u in self.units.units
             ]
             out.append(
@@ -126,7 +126,7 @@ def propose_release(
         for unit in () if found is None else found.units:
             facts[unit.name] = (
                 f"mean {unit.mean_deg:.2f}, standard deviation {unit.sd_deg:.2f} degrees, "
-                f"share {unit.share:.4f}"
+                f"share {unit.surface_share:.4f}"
             )
         write_geopackage(work, [proposed], facts)
     if threshold < _LEAST_CLIFF_DEG:

@@ -59,7 +59,13 @@ class SlopeUnit:
     name: str  # a key of UNITS
     mean_deg: float
     sd_deg: float
-    share: float  # of the surface of the terrain
+    share: float  # of the surface of the terrain, as if slopes beyond 0 and 90 degrees were terrain
+
+    @property
+    def surface_share(self) -> float:
+        """Return the share of the surface, between 0 and 90 degrees."""
+        low, high = special.ndtr((_EDGES[[0, -1]] - self.mean_deg) / self.sd_deg)
+        return float(self.share * (high - low))
 
     def density(self, slope_deg: FloatArray) -> FloatArray:
         """Return the share of the surface per degree."""

@@ -52,6 +52,12 @@ def test_units_and_their_limits_are_found_again() -> None:
     assert found.misfit < 0.002
 
 
+def test_shares_of_the_surface_make_up_the_surface() -> None:
+    """Half of a unit of plains about 0 degrees lies beyond the slopes that there are."""
+    found = slope_units(drawn((0.0, 3.0, 0.6), (31.0, 6.0, 0.6), (60.0, 7.0, 0.1)))
+    assert [u.surface_share for u in found.units] == pytest.approx([0.3, 0.6, 0.1], abs=0.02)
+
+
 def test_a_unit_of_one_percent_is_not_lost() -> None:
     rare = (62.0, 5.0, 0.01)
     found = slope_units(drawn((25.0, 7.0, 0.99), rare))
