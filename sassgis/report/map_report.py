@@ -117,8 +117,8 @@ def zone_lines(
     areas = [phrase("{} {} m²", phrase(str(row[0])), sensible(row[2])) for row in levels.rows]
     hazard = found.hazard
     text = (
-        "{} The hatched cells, in the zones and beside them, hold {} % of these changes. Their area "
-        "is {} % of the zoned area."
+        "{} The hatched cells, in the zones and beside them, hold {} % of these changes. "
+        "Their area is {} % of the zoned area."
     )
     shares = (f"{100 * share:.3g}" for share in (confidence, hazard.uncertain_share))
     sample = phrase(text, sample_words(hazard.chances, preset), *shares)
