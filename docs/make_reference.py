@@ -29,21 +29,22 @@ _HEAD = f"""\
 
 # Configuration
 
-One TOML file describes a run. `sassgis init` writes the keys that every site must decide,
-`sassgis init --all` every key ([starting](starting.md#the-configuration)). `sassgis validate`
-checks the file and all files that it names. Paths are relative to the configuration. Names end in
-their [unit](conventions.md#units). A *range* is `[low, high]`; a single number sets both limits.
-`layer` is needed where a file has several layers. Unknown keys and texts of more than
-{LONGEST_TEXT} characters are errors. *needed*: the key has no default; –: it may be left out.
+With this page you look up a key of the TOML file that describes a run ([how to write
+one](starting.md#the-configuration)). Paths are relative to the configuration. Names end in their
+[unit](conventions.md#units). A *range* is `[low, high]`; a single number sets both limits. `layer`
+is needed where a file has several. `…_field` names an attribute that holds the value of each
+feature. Unknown keys and texts of more than {LONGEST_TEXT} characters are errors. *needed*: no
+default; –: may be left out.
 
 | run | needs |
 |---|---|
 | on the map | `terrain.dem`, `release.file`, one `[[blocks]]` |
 | along one profile | `[profile]` (or `--csv`, `--point`, `--line`), one `[[blocks]]` |
 
-The sections terrain, release, ground, blocks, stations, barriers, effects, engine and run (except
-`jobs` and `ground_uncertainty`) may change the simulated blocks. Paths of files, numbers of cores
-and output settings leave them unchanged.
+Terrain, release, ground, blocks, stations, barriers, effects, engine and run (except `jobs` and
+`ground_uncertainty`) may change the simulated blocks; the other sections leave them unchanged.
+
+An empty section of an [effect](effects.md) turns it on with its defaults.
 """
 
 _INTRO = {
@@ -52,13 +53,13 @@ _INTRO = {
     "release": "[Release points](terrain.md#release-points).",
     "ground": "The [ground class](model.md#ground-classes) of each cell.",
     "blocks": "One section for each block scenario. State the size by three semi-axes or by a "
-    "volume. Values are drawn uniformly between the limits of a range, volumes by a power law "
-    "with `volume_exponent`. Zones need an onset frequency ([hazard](hazard.md)).",
+    "volume. Values are drawn uniformly between the limits of a range. Zones need an onset "
+    "frequency ([hazard](hazard.md)).",
     "stations": "Control lines that record passing blocks, one section each. Place them by one of "
     "`line`, `file`, `chainage_m`.",
     "barriers": "Walls, nets and [galleries](model.md#galleries), one section each. `kind` and "
-    "`height_m` are needed, of galleries also `width_m` and `cushion_kpa`. `..._field` names an "
-    "attribute that holds the value of each feature. Names of stations and barriers must differ.",
+    "`height_m` are needed, of galleries also `width_m` and `cushion_kpa`. Names of stations and "
+    "barriers must differ.",
     "engine": "[Modelling assumptions](model.md#modelling-assumptions). Keys without a default "
     "take it from `readings`.",
     "profile": "For `sassgis profile`.",
@@ -66,8 +67,7 @@ _INTRO = {
     "zones": "[From cells to polygons](zones.md).",
     "edits": "Polygons in which an expert sets the hazard level ([edits](zones.md#edits-by-hand)).",
     "risk": "[Risk](risk.md) of exposed objects.",
-    "objects": "[Exposed objects](risk.md), one section for each layer. `..._field` names an "
-    "attribute that holds the value of each feature.",
+    "objects": "[Exposed objects](risk.md), one section for each layer.",
     "run": "",
     "output": "[Output files](outputs.md).",
 }
@@ -75,7 +75,7 @@ _INTRO = {
 #: Meanings that another page explains; elsewhere the descriptions of the settings are used.
 _EXPLAINED = {
     "terrain.block_scale_m": "[scale](terrain.md#flattening) below which terrain counts as "
-    "roughness (m); 0: never; default: mean diameter of the smallest block scenario",
+    "roughness (m); 0: never",
     "terrain.energy_line_angle_deg": "[fall lines](terrain.md#fall-lines) end where they sink "
     "below this angle seen from the start (degrees); choose it lower than any run-out",
     "terrain.path": "each block [finds its path](model.md#followed-paths), or all blocks of a "
@@ -86,32 +86,31 @@ _EXPLAINED = {
     "per year and metre of release line",
     "blocks.onset_above_m3": "with volume_exponent: onset_frequency counts blocks larger than this "
     "(m3)",
-    "engine.readings": "named set of [modelling assumptions](model.md#two-sets-of-assumptions)",
+    "engine.readings": "named [set of assumptions](model.md#two-sets-of-assumptions)",
     "engine.block": 'shape of the block; `"point"` is a [mass point](studies/point.md) and '
     'needs another eta_max_rule than "scale"',
-    "engine.eta_max_rule": "law of [impact](model.md#impact)",
-    "engine.slope_variation": "whether each impact varies the slope ([impact](model.md#impact))",
-    "engine.rolling_threshold": "a bounce below this share of the radius ends in a [soft "
-    "landing](model.md#impact)",
-    "engine.rolling": "law of [rolling](model.md#rolling-and-sliding)",
-    "engine.rolling_friction_sd": "scatter of [rolling friction](model.md#rolling-and-sliding) "
-    "between blocks",
+    "engine.eta_max_rule": "law of impact",
+    "engine.slope_variation": "whether each impact varies the slope",
+    "engine.rolling_threshold": "a bounce below this share of the radius ends in a soft landing",
+    "engine.rolling": "law of rolling",
+    "engine.rolling_friction_sd": "scatter of rolling friction between blocks",
     "engine.outline_edges": "ratio of axes that edges add to the [outline](model.md#outline)",
-    "engine.outline_share": "share of a/b − 1 that acts in the plane of motion "
-    "([outline](model.md#outline))",
+    "engine.outline_share": "share of a/b − 1 that acts in the plane of motion",
     "engine.tipping": "whether a sliding block may [tip over](model.md#tipping) and roll",
     "engine.corner": "shape that hits rising ground ([concave corners](model.md#concave-corners))",
     "engine.side_tilt_deg": "scatter of the lateral tilt at impacts ([followed "
     "paths](model.md#followed-paths), degrees)",
-    "engine.drift_deg": "scatter of the angle between path and descent ([followed "
-    "paths](model.md#followed-paths), degrees)",
+    "engine.drift_deg": "scatter of the angle between path and descent (degrees)",
     "effects.air_drag.drag_coefficient": "C_d: 0.4 to 0.5 for a sphere, about 1 for a tumbling "
     "block",
     "effects.wind.acceleration_mps2": "horizontal, in flight, positive along the chainage (m/s2)",
+    "effects.trees.file": "polygons of forest",
+    "effects.trees.stems_raster": "raster of stems per hectare",
     "effects.trees.single_trees": "CSV table with columns x, y, dbh_cm, conifer_share (0 to 1), or "
     "points with these attributes",
-    "effects.trees.species": "fir, spruce, conifers, broadleaved, larch, maple or beech; the "
-    "factors are not verified",
+    "effects.trees.stems_per_ha": "stems per hectare without attribute or raster",
+    "effects.trees.dbh_cm": "diameter at breast height without attribute or raster (cm)",
+    "effects.trees.species": "fir, spruce, conifers, broadleaved, larch, maple or beech",
     "effects.soft_ground.depth_law": "depth of the scar",
     "hazard.preset": "[rules](presets.md) of intensity and level: ch-so, ti, or a TOML file",
     "hazard.frequencies": "table (CSV) with columns area, scenario, frequency, unit: onset "
@@ -219,8 +218,7 @@ def section(name: str, keys: Mapping[str, Declared]) -> str:
     """One section of the page."""
     brackets = f"[[{name}]]" if name in LISTS else f"[{name}]"
     lines = [f"## `{brackets}`", ""]
-    effect = name.removeprefix("effects.")
-    intro = _INTRO.get(name, f"The effect [{effect}](effects.md#{effect}).")
+    intro = _INTRO.get(name, "")
     if intro:
         lines += [intro, ""]
     if name in _LIKE:

@@ -157,6 +157,31 @@ def field_left_out() -> str:
     return table("fitted at | scored on | median | 90 % | width", rows)
 
 
+def authume() -> str:
+    """Quantiles of the run-out at Authume: observed with limits, predicted, and with one change."""
+    found = results("authume/results")
+    seen = [f"{v:.1f} ({low:.1f}–{high:.1f})" for v, low, high in found["plan_m"]["observed"]]
+    edge = found["beyond_the_edge"]
+    cells = {
+        "observed": (seen, edge["observed_share"]),
+        "predicted": (found["plan_m"]["predicted"], edge["predicted_share"]),
+    }
+    for name, one in found["other_readings"].items():
+        cells[f"… {name.removeprefix('engine.')}"] = (one["plan_m"], one["share_beyond_the_edge"])
+    rows = [
+        " | ".join(
+            [
+                name,
+                *(v if isinstance(v, str) else f"{v:.1f}" for v in values),
+                f"{rounded(100.0 * share, 2)} %",
+            ]
+        )
+        for name, (values, share) in cells.items()
+    ]
+    shares = " | ".join(f"{100.0 * share:.0f} %" for share in found["plan_m"]["shares"])
+    return table(f"run-out (m) | {shares} | beyond the edge", rows)
+
+
 CONTACTS = ("r_n", "r_t", "energy_kept", "spin_share")
 
 
@@ -350,7 +375,7 @@ TABLES = {
     for made in (
         discretisation, convergence, zone_seeds, field_untuned, field_left_out,
         contacts_filmed, speed_slope, speed_effects, speed_peers, kinematics_tschamut,
-        kinematics_slopes, kinematics_fan, tirol,
+        kinematics_slopes, kinematics_fan, tirol, authume,
     )
 }  # fmt: skip
 
