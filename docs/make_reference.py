@@ -131,6 +131,9 @@ _EXPLAINED = {
     "([bands](sensitivity.md#bands-by-the-spread-between-sites)); 0: none",
 }
 
+#: Names that end in their unit, which the meaning need not repeat.
+_WITH_UNIT = re.compile(r"_(m|m2|m3|cm|deg|rad|mps|mps2|radps|kmh|kj|kpa|mpa|jkg|kgps|kgm3|years)$")
+
 #: Sections whose keys stand, as far as they are the same, in another one.
 _LIKE = {"barriers": "stations"}
 
@@ -200,6 +203,8 @@ def row(section: str, own: Declared, *others: str) -> str:
     else:
         default = f"`{shown(own.default)}`"
     text = meaning(section, own).replace("|", "\\|").removesuffix(".")
+    if _WITH_UNIT.search(own.name):
+        text = re.sub(r" \((\w+|m/s2?|rad/s|kg/m3|kg/s|J/kg)\)$", "", text)
     if re.match(r"A |[A-Z][a-z]", text):  # neither an abbreviation nor a symbol
         text = text[:1].lower() + text[1:]
     if own.old_name is not None:
