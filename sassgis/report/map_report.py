@@ -117,8 +117,8 @@ def zone_lines(
     areas = [phrase("{} {} m²", phrase(str(row[0])), sensible(row[2])) for row in levels.rows]
     hazard = found.hazard
     text = (
-        "{} The hatched cells cover {} % of the zoned area and cells outside it, if any. They hold "
-        "{} % of these changes."
+        "{} The area of the hatched cells is {} % of the zoned area. They hold {} % of these "
+        "changes."
     )
     shares = (f"{100 * share:.3g}" for share in (hazard.uncertain_share, confidence))
     sample = phrase(text, sample_words(hazard.chances, preset), *shares)
