@@ -64,7 +64,7 @@ _INTRO = {
     "take it from `readings`.",
     "profile": "For `sassgis profile`.",
     "hazard": "[Intensities and hazard levels](hazard.md), for `sassgis zone`.",
-    "zones": "[From cells to polygons](zones.md).",
+    "zones": "[From cells to polygons](zones.md). Defaults are those of the preset.",
     "edits": "Polygons in which an expert sets the hazard level ([edits](zones.md#edits-by-hand)).",
     "risk": "[Risk](risk.md) of exposed objects.",
     "objects": "[Exposed objects](risk.md), one section for each layer.",
@@ -101,8 +101,7 @@ _EXPLAINED = {
     "engine.side_tilt_deg": "scatter of the lateral tilt at impacts ([followed "
     "paths](model.md#followed-paths), degrees)",
     "engine.drift_deg": "scatter of the angle between path and descent (degrees)",
-    "effects.air_drag.drag_coefficient": "C_d: 0.4 to 0.5 for a sphere, about 1 for a tumbling "
-    "block",
+    "effects.air_drag.drag_coefficient": "C_d",
     "effects.wind.acceleration_mps2": "horizontal, in flight, positive along the chainage (m/s2)",
     "effects.trees.file": "polygons of forest",
     "effects.trees.stems_raster": "raster of stems per hectare",
@@ -110,7 +109,8 @@ _EXPLAINED = {
     "points with these attributes",
     "effects.trees.stems_per_ha": "stems per hectare without attribute or raster",
     "effects.trees.dbh_cm": "diameter at breast height without attribute or raster (cm)",
-    "effects.trees.species": "fir, spruce, conifers, broadleaved, larch, maple or beech",
+    "effects.trees.species": "[species](effects.md#trees)",
+    "effects.trees.efficiency": "factor on the energy of a stem",
     "effects.soft_ground.depth_law": "depth of the scar",
     "hazard.preset": "[rules](presets.md) of intensity and level: ch-so, ti, or a TOML file",
     "hazard.frequencies": "table (CSV) with columns area, scenario, frequency, unit: onset "
@@ -125,8 +125,12 @@ _EXPLAINED = {
     "sample may change; default: 0.02",
     "hazard.blocks_max": "with auto: most blocks; default: 10 million",
     "hazard.minutes_max": "with auto: longest simulation (minutes, about); default: 60",
-    "zones.closing_m": "gaps and slots up to this width are closed (m); default: that of the "
-    "preset, at least release.spacing_m",
+    "zones.min_width_m": "least width of a zone; default: that of the preset (mm) at the scale",
+    "zones.min_area_m2": "smallest area of a zone and of a hole in one",
+    "zones.closing_m": "gaps and slots up to this width are closed; at least release.spacing_m",
+    "zones.envelope_m": "gaps in the outer limit that are closed; default: six reference widths",
+    "zones.smoothing_m": "width over which the frequency at the outer limit is averaged; default: "
+    "three reference widths",
     "run.ground_uncertainty": "repetitions with other values of the ground classes "
     "([bands](sensitivity.md#bands-by-the-spread-between-sites)); 0: none",
 }

@@ -293,8 +293,7 @@ PLATE = "run-out of 40 kg"
 def kinematics_tschamut() -> str:
     """Motion at Tschamut, observed and simulated: all rocks, and the run-out of the plate."""
     rows = []
-    found = results("kinematics/results")
-    for name, one in found["tschamut"].items():
+    for name, one in results("kinematics/results")["tschamut"].items():
         if " of " in name and name != PLATE:
             continue
         seen, made = one["observed"], one["simulated"]
@@ -302,11 +301,9 @@ def kinematics_tschamut() -> str:
         digits = 0 if name.startswith(("run-out", "contacts")) else digits
         cells = (" / ".join(f"{v:.{digits}f}" for v in values[1:]) for values in (seen, made))
         rows.append(
-            f"{name}{_UNITS.get(name.split(' ')[0], '')} | {' | '.join(cells)} | {_off(one)} | "
-            f"{_off(found['ellipses_of_boxes'][name])}"
+            f"{name}{_UNITS.get(name.split(' ')[0], '')} | {' | '.join(cells)} | {_off(one)}"
         )
-    head = "50 / 90 % of the rocks | observed | simulated | error | without outline"
-    return table(head, rows)
+    return table("50 / 90 % of the rocks | observed | simulated | error", rows)
 
 
 _UNITS = {
@@ -352,16 +349,15 @@ def kinematics_fan() -> str:
 
 
 def tirol() -> str:
-    """Maps of three terrains before and after."""
+    """Maps of three terrains."""
     rows = []
-    for site, of in results("tirol/results").items():
-        for label, one in of.items():
-            levels = " / ".join(f"{v:.1f}" for v in reversed(one["level_ha"]))
-            rows.append(
-                f"{site}, {label} | {one['speed'][0]:.0f} / {one['speed'][1]:.0f} | "
-                f"{one['passing_height'][0]:.1f} / {one['passing_height'][1]:.1f} | "
-                f"{one['energy'][0]:.0f} / {one['energy'][1]:.0f} | {levels}"
-            )
+    for site, one in results("tirol/results").items():
+        levels = " / ".join(f"{v:.1f}" for v in reversed(one["level_ha"]))
+        rows.append(
+            f"{site} | {one['speed'][0]:.0f} / {one['speed'][1]:.0f} | "
+            f"{one['passing_height'][0]:.1f} / {one['passing_height'][1]:.1f} | "
+            f"{one['energy'][0]:.0f} / {one['energy'][1]:.0f} | {levels}"
+        )
     return table(
         "terrain | speed (m/s) | passing height (m) | energy (kJ) | "
         "red / blue / yellow / hatched (ha)",
