@@ -245,7 +245,7 @@ def section(name: str, keys: Mapping[str, Declared]) -> str:
     hidden = attributes | ({"layer"} if "file" in keys else set())
     rows = {key: own for key, own in keys.items() if key not in hidden}
     for key, own in rows.items():
-        with_it = [f"{key}_field"] if f"{key}_field" in attributes else []
+        with_it = ["…_field"] if f"{key}_field" in attributes else []
         if key == "file" and "layer" in keys:
             with_it.append("layer")
         lines.append(row(name, own, *with_it))
