@@ -314,10 +314,8 @@ _ABOUT = {
     "may have more vertices.",
     "passages": "One row per rock and station; without numbers if the rock passed unmeasured.",
     "impacts": "One row per impact with known velocities before and after, from films or from "
-    "sensors in the rock. Velocities are those of the centre, in the vertical plane of motion, "
-    "along the ground and along its *outward* normal: an approaching rock has `vn_in_mps` below "
-    "zero. Where the path turns, those after the impact are along the new heading. A rolling "
-    "rock has positive spin.",
+    "sensors in the rock: of the centre, in the vertical plane of motion, along the ground and "
+    "its *outward* normal. Where the path turns, those after the impact are along the new heading.",
     "contacts": "One row per contact with the ground, also where its place is not known: times and "
     "spins from sensors in the rock, places from a positioning system.",
     "deposits": "One row per deposited block, fragments included. A rock that broke has rows for "
