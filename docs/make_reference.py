@@ -29,21 +29,22 @@ _HEAD = f"""\
 
 # Configuration
 
-One TOML file describes a run. `sassgis init` writes the keys that every site must decide,
-`sassgis init --all` every key ([starting](starting.md#the-configuration)). `sassgis validate`
-checks the file and all files that it names. Paths are relative to the configuration. Names end in
-their [unit](conventions.md#units). A *range* is `[low, high]`; a single number sets both limits.
-`layer` is needed where a file has several layers. Unknown keys and texts of more than
-{LONGEST_TEXT} characters are errors. *needed*: the key has no default; –: it may be left out.
+With this page you look up a key of the TOML file that describes a run ([how to write
+one](starting.md#the-configuration)). Paths are relative to the configuration. Names end in their
+[unit](conventions.md#units). A *range* is `[low, high]`; a single number sets both limits. `layer`
+is needed where a file has several. `…_field` names an attribute that holds the value of each
+feature. Unknown keys and texts of more than {LONGEST_TEXT} characters are errors. *needed*: no
+default; –: may be left out.
 
 | run | needs |
 |---|---|
 | on the map | `terrain.dem`, `release.file`, one `[[blocks]]` |
 | along one profile | `[profile]` (or `--csv`, `--point`, `--line`), one `[[blocks]]` |
 
-The sections terrain, release, ground, blocks, stations, barriers, effects, engine and run (except
-`jobs` and `ground_uncertainty`) may change the simulated blocks. Paths of files, numbers of cores
-and output settings leave them unchanged.
+Terrain, release, ground, blocks, stations, barriers, effects, engine and run (except `jobs` and
+`ground_uncertainty`) may change the simulated blocks; the other sections leave them unchanged.
+
+An empty section of an [effect](effects.md) turns it on with its defaults.
 """
 
 _INTRO = {
@@ -52,22 +53,21 @@ _INTRO = {
     "release": "[Release points](terrain.md#release-points).",
     "ground": "The [ground class](model.md#ground-classes) of each cell.",
     "blocks": "One section for each block scenario. State the size by three semi-axes or by a "
-    "volume. Values are drawn uniformly between the limits of a range, volumes by a power law "
-    "with `volume_exponent`. Zones need an onset frequency ([hazard](hazard.md)).",
+    "volume. Values are drawn uniformly between the limits of a range. Zones need an onset "
+    "frequency ([hazard](hazard.md)).",
     "stations": "Control lines that record passing blocks, one section each. Place them by one of "
     "`line`, `file`, `chainage_m`.",
     "barriers": "Walls, nets and [galleries](model.md#galleries), one section each. `kind` and "
-    "`height_m` are needed, of galleries also `width_m` and `cushion_kpa`. `..._field` names an "
-    "attribute that holds the value of each feature. Names of stations and barriers must differ.",
+    "`height_m` are needed, of galleries also `width_m` and `cushion_kpa`. Names of stations and "
+    "barriers must differ.",
     "engine": "[Modelling assumptions](model.md#modelling-assumptions). Keys without a default "
     "take it from `readings`.",
     "profile": "For `sassgis profile`.",
     "hazard": "[Intensities and hazard levels](hazard.md), for `sassgis zone`.",
-    "zones": "[From cells to polygons](zones.md).",
+    "zones": "[From cells to polygons](zones.md). Defaults are those of the preset.",
     "edits": "Polygons in which an expert sets the hazard level ([edits](zones.md#edits-by-hand)).",
     "risk": "[Risk](risk.md) of exposed objects.",
-    "objects": "[Exposed objects](risk.md), one section for each layer. `..._field` names an "
-    "attribute that holds the value of each feature.",
+    "objects": "[Exposed objects](risk.md), one section for each layer.",
     "run": "",
     "output": "[Output files](outputs.md).",
 }
@@ -75,7 +75,7 @@ _INTRO = {
 #: Meanings that another page explains; elsewhere the descriptions of the settings are used.
 _EXPLAINED = {
     "terrain.block_scale_m": "[scale](terrain.md#flattening) below which terrain counts as "
-    "roughness (m); 0: never; default: mean diameter of the smallest block scenario",
+    "roughness (m); 0: never",
     "terrain.energy_line_angle_deg": "[fall lines](terrain.md#fall-lines) end where they sink "
     "below this angle seen from the start (degrees); choose it lower than any run-out",
     "terrain.path": "each block [finds its path](model.md#followed-paths), or all blocks of a "
@@ -86,32 +86,31 @@ _EXPLAINED = {
     "per year and metre of release line",
     "blocks.onset_above_m3": "with volume_exponent: onset_frequency counts blocks larger than this "
     "(m3)",
-    "engine.readings": "named set of [modelling assumptions](model.md#two-sets-of-assumptions)",
+    "engine.readings": "named [set of assumptions](model.md#two-sets-of-assumptions)",
     "engine.block": 'shape of the block; `"point"` is a [mass point](studies/point.md) and '
     'needs another eta_max_rule than "scale"',
-    "engine.eta_max_rule": "law of [impact](model.md#impact)",
-    "engine.slope_variation": "whether each impact varies the slope ([impact](model.md#impact))",
-    "engine.rolling_threshold": "a bounce below this share of the radius ends in a [soft "
-    "landing](model.md#impact)",
-    "engine.rolling": "law of [rolling](model.md#rolling-and-sliding)",
-    "engine.rolling_friction_sd": "scatter of [rolling friction](model.md#rolling-and-sliding) "
-    "between blocks",
+    "engine.eta_max_rule": "law of impact",
+    "engine.slope_variation": "whether each impact varies the slope",
+    "engine.rolling_threshold": "a bounce below this share of the radius ends in a soft landing",
+    "engine.rolling": "law of rolling",
+    "engine.rolling_friction_sd": "scatter of rolling friction between blocks",
     "engine.outline_edges": "ratio of axes that edges add to the [outline](model.md#outline)",
-    "engine.outline_share": "share of a/b − 1 that acts in the plane of motion "
-    "([outline](model.md#outline))",
+    "engine.outline_share": "share of a/b − 1 that acts in the plane of motion",
     "engine.tipping": "whether a sliding block may [tip over](model.md#tipping) and roll",
     "engine.corner": "shape that hits rising ground ([concave corners](model.md#concave-corners))",
     "engine.side_tilt_deg": "scatter of the lateral tilt at impacts ([followed "
     "paths](model.md#followed-paths), degrees)",
-    "engine.drift_deg": "scatter of the angle between path and descent ([followed "
-    "paths](model.md#followed-paths), degrees)",
-    "effects.air_drag.drag_coefficient": "C_d: 0.4 to 0.5 for a sphere, about 1 for a tumbling "
-    "block",
+    "engine.drift_deg": "scatter of the angle between path and descent (degrees)",
+    "effects.air_drag.drag_coefficient": "C_d",
     "effects.wind.acceleration_mps2": "horizontal, in flight, positive along the chainage (m/s2)",
+    "effects.trees.file": "polygons of forest",
+    "effects.trees.stems_raster": "raster of stems per hectare",
     "effects.trees.single_trees": "CSV table with columns x, y, dbh_cm, conifer_share (0 to 1), or "
     "points with these attributes",
-    "effects.trees.species": "fir, spruce, conifers, broadleaved, larch, maple or beech; the "
-    "factors are not verified",
+    "effects.trees.stems_per_ha": "stems per hectare without attribute or raster",
+    "effects.trees.dbh_cm": "diameter at breast height without attribute or raster (cm)",
+    "effects.trees.species": "[species](effects.md#trees)",
+    "effects.trees.efficiency": "factor on the energy of a stem",
     "effects.soft_ground.depth_law": "depth of the scar",
     "hazard.preset": "[rules](presets.md) of intensity and level: ch-so, ti, or a TOML file",
     "hazard.frequencies": "table (CSV) with columns area, scenario, frequency, unit: onset "
@@ -126,11 +125,18 @@ _EXPLAINED = {
     "sample may change; default: 0.02",
     "hazard.blocks_max": "with auto: most blocks; default: 10 million",
     "hazard.minutes_max": "with auto: longest simulation (minutes, about); default: 60",
-    "zones.closing_m": "gaps and slots up to this width are closed (m); default: that of the "
-    "preset, at least release.spacing_m",
+    "zones.min_width_m": "least width of a zone; default: that of the preset (mm) at the scale",
+    "zones.min_area_m2": "smallest area of a zone and of a hole in one",
+    "zones.closing_m": "gaps and slots up to this width are closed; at least release.spacing_m",
+    "zones.envelope_m": "gaps in the outer limit that are closed; default: six reference widths",
+    "zones.smoothing_m": "width over which the frequency at the outer limit is averaged; default: "
+    "three reference widths",
     "run.ground_uncertainty": "repetitions with other values of the ground classes "
     "([bands](sensitivity.md#bands-by-the-spread-between-sites)); 0: none",
 }
+
+#: Names that end in their unit, which the meaning need not repeat.
+_WITH_UNIT = re.compile(r"_(m|m2|m3|cm|deg|rad|mps|mps2|radps|kmh|kj|kpa|mpa|jkg|kgps|kgm3|years)$")
 
 #: Sections whose keys stand, as far as they are the same, in another one.
 _LIKE = {"barriers": "stations"}
@@ -201,6 +207,8 @@ def row(section: str, own: Declared, *others: str) -> str:
     else:
         default = f"`{shown(own.default)}`"
     text = meaning(section, own).replace("|", "\\|").removesuffix(".")
+    if _WITH_UNIT.search(own.name):
+        text = re.sub(r" \((\w+|m/s2?|rad/s|kg/m3|kg/s|J/kg)\)$", "", text)
     if re.match(r"A |[A-Z][a-z]", text):  # neither an abbreviation nor a symbol
         text = text[:1].lower() + text[1:]
     if own.old_name is not None:
@@ -219,8 +227,7 @@ def section(name: str, keys: Mapping[str, Declared]) -> str:
     """One section of the page."""
     brackets = f"[[{name}]]" if name in LISTS else f"[{name}]"
     lines = [f"## `{brackets}`", ""]
-    effect = name.removeprefix("effects.")
-    intro = _INTRO.get(name, f"The effect [{effect}](effects.md#{effect}).")
+    intro = _INTRO.get(name, "")
     if intro:
         lines += [intro, ""]
     if name in _LIKE:
@@ -238,7 +245,7 @@ def section(name: str, keys: Mapping[str, Declared]) -> str:
     hidden = attributes | ({"layer"} if "file" in keys else set())
     rows = {key: own for key, own in keys.items() if key not in hidden}
     for key, own in rows.items():
-        with_it = [f"{key}_field"] if f"{key}_field" in attributes else []
+        with_it = ["…_field"] if f"{key}_field" in attributes else []
         if key == "file" and "layer" in keys:
             with_it.append("layer")
         lines.append(row(name, own, *with_it))
@@ -307,10 +314,8 @@ _ABOUT = {
     "may have more vertices.",
     "passages": "One row per rock and station; without numbers if the rock passed unmeasured.",
     "impacts": "One row per impact with known velocities before and after, from films or from "
-    "sensors in the rock. Velocities are those of the centre, in the vertical plane of motion, "
-    "along the ground and along its *outward* normal: an approaching rock has `vn_in_mps` below "
-    "zero. Where the path turns, those after the impact are along the new heading. A rolling "
-    "rock has positive spin.",
+    "sensors in the rock: of the centre, in the vertical plane of motion, along the ground and "
+    "its *outward* normal. Where the path turns, those after the impact are along the new heading.",
     "contacts": "One row per contact with the ground, also where its place is not known: times and "
     "spins from sensors in the rock, places from a positioning system.",
     "deposits": "One row per deposited block, fragments included. A rock that broke has rows for "

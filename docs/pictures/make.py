@@ -68,11 +68,8 @@ def before_and_after(folder: Path) -> None:
 
 def preset(folder: Path) -> None:
     """The matrix of the preset that is the example of its page."""
-    page = (Path(__file__).parents[1] / "presets.md").read_text(encoding="utf-8")
-    with tempfile.TemporaryDirectory() as work:
-        file = Path(work) / "office.toml"
-        file.write_text(page.split("```toml\n")[1].split("```")[0], encoding="utf-8")
-        save(preset_figure(read_preset(file)), folder / "preset_matrix.png")
+    example = Path(__file__).parents[1] / "office.toml"
+    save(preset_figure(read_preset(example)), folder / "preset_matrix.png")
 
 
 def map_change(folder: Path) -> None:

@@ -22,8 +22,8 @@ def write_csv(path: Path, rows: Sequence[Mapping[str, Any]], digits: int = 6) ->
 
 def table(head: str, rows: Iterable[str]) -> str:
     """A table in Markdown; between the cells of head and rows stands ``|``."""
-    rule = " | ".join(["---"] * len(head.split(" | ")))
-    return "\n".join(f"| {line} |" for line in (head, rule, *rows))
+    first, *others = (f"| {line} |" for line in (head, *rows))
+    return "\n".join([first, "|" + "---|" * len(head.split(" | ")), *others])
 
 
 def filled(text: str, tables: Mapping[str, Callable[[], str]], mark: str, end: str) -> str:

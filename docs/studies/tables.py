@@ -157,6 +157,31 @@ def field_left_out() -> str:
     return table("fitted at | scored on | median | 90 % | width", rows)
 
 
+def authume() -> str:
+    """Quantiles of the run-out at Authume: observed with limits, predicted, and with one change."""
+    found = results("authume/results")
+    seen = [f"{v:.1f} ({low:.1f}–{high:.1f})" for v, low, high in found["plan_m"]["observed"]]
+    edge = found["beyond_the_edge"]
+    cells = {
+        "observed": (seen, edge["observed_share"]),
+        "predicted": (found["plan_m"]["predicted"], edge["predicted_share"]),
+    }
+    for name, one in found["other_readings"].items():
+        cells[f"… {name.removeprefix('engine.')}"] = (one["plan_m"], one["share_beyond_the_edge"])
+    rows = [
+        " | ".join(
+            [
+                name,
+                *(v if isinstance(v, str) else f"{v:.1f}" for v in values),
+                f"{rounded(100.0 * share, 2)} %",
+            ]
+        )
+        for name, (values, share) in cells.items()
+    ]
+    shares = " | ".join(f"{100.0 * share:.0f} %" for share in found["plan_m"]["shares"])
+    return table(f"run-out (m) | {shares} | beyond the edge", rows)
+
+
 CONTACTS = ("r_n", "r_t", "energy_kept", "spin_share")
 
 
@@ -268,8 +293,7 @@ PLATE = "run-out of 40 kg"
 def kinematics_tschamut() -> str:
     """Motion at Tschamut, observed and simulated: all rocks, and the run-out of the plate."""
     rows = []
-    found = results("kinematics/results")
-    for name, one in found["tschamut"].items():
+    for name, one in results("kinematics/results")["tschamut"].items():
         if " of " in name and name != PLATE:
             continue
         seen, made = one["observed"], one["simulated"]
@@ -277,11 +301,9 @@ def kinematics_tschamut() -> str:
         digits = 0 if name.startswith(("run-out", "contacts")) else digits
         cells = (" / ".join(f"{v:.{digits}f}" for v in values[1:]) for values in (seen, made))
         rows.append(
-            f"{name}{_UNITS.get(name.split(' ')[0], '')} | {' | '.join(cells)} | {_off(one)} | "
-            f"{_off(found['ellipses_of_boxes'][name])}"
+            f"{name}{_UNITS.get(name.split(' ')[0], '')} | {' | '.join(cells)} | {_off(one)}"
         )
-    head = "50 / 90 % of the rocks | observed | simulated | error | without outline"
-    return table(head, rows)
+    return table("50 / 90 % of the rocks | observed | simulated | error", rows)
 
 
 _UNITS = {
@@ -327,16 +349,15 @@ def kinematics_fan() -> str:
 
 
 def tirol() -> str:
-    """Maps of three terrains before and after."""
+    """Maps of three terrains."""
     rows = []
-    for site, of in results("tirol/results").items():
-        for label, one in of.items():
-            levels = " / ".join(f"{v:.1f}" for v in reversed(one["level_ha"]))
-            rows.append(
-                f"{site}, {label} | {one['speed'][0]:.0f} / {one['speed'][1]:.0f} | "
-                f"{one['passing_height'][0]:.1f} / {one['passing_height'][1]:.1f} | "
-                f"{one['energy'][0]:.0f} / {one['energy'][1]:.0f} | {levels}"
-            )
+    for site, one in results("tirol/results").items():
+        levels = " / ".join(f"{v:.1f}" for v in reversed(one["level_ha"]))
+        rows.append(
+            f"{site} | {one['speed'][0]:.0f} / {one['speed'][1]:.0f} | "
+            f"{one['passing_height'][0]:.1f} / {one['passing_height'][1]:.1f} | "
+            f"{one['energy'][0]:.0f} / {one['energy'][1]:.0f} | {levels}"
+        )
     return table(
         "terrain | speed (m/s) | passing height (m) | energy (kJ) | "
         "red / blue / yellow / hatched (ha)",
@@ -350,7 +371,7 @@ TABLES = {
     for made in (
         discretisation, convergence, zone_seeds, field_untuned, field_left_out,
         contacts_filmed, speed_slope, speed_effects, speed_peers, kinematics_tschamut,
-        kinematics_slopes, kinematics_fan, tirol,
+        kinematics_slopes, kinematics_fan, tirol, authume,
     )
 }  # fmt: skip
 

@@ -182,8 +182,8 @@ def _release(folder: _Folder, crs: str | None, out: Converted) -> None:
     out.keys.append(("release", {**release, "spacing_m": abs(folder.transform.a)}))
     out.keys.extend(("blocks", own) for own in scenarios)
     out.notes.append(
-        f"{int(source.sum())} source cells are as many release points, in "
-        f"{len(out.layers['release'])} release area(s). release.rocks_per_point is the number of "
+        f"Each of the {int(source.sum())} source cells is a release point; release areas: "
+        f"{len(out.layers['release'])}. release.rocks_per_point is the number of "
         "simulations per source cell. What is typed into Rockyfor3D's window is no file: a "
         "variation of the volume is a range of volume_m3 here, a fall height is drop_m."
     )

@@ -117,10 +117,10 @@ def zone_lines(
     areas = [phrase("{} {} m²", phrase(str(row[0])), sensible(row[2])) for row in levels.rows]
     hazard = found.hazard
     text = (
-        "{} The hatched cells, in the zones and beside them, hold {} % of these changes. "
-        "Their area is {} % of the zoned area."
+        "{} The area of the hatched cells is {} % of the zoned area. They hold {} % of these "
+        "changes."
     )
-    shares = (f"{100 * share:.3g}" for share in (confidence, hazard.uncertain_share))
+    shares = (f"{100 * share:.3g}" for share in (hazard.uncertain_share, confidence))
     sample = phrase(text, sample_words(hazard.chances, preset), *shares)
     lines: list[tuple[str, str]] = [("Hazard zones", joined("; ", areas))]
     if found.risk is not None:

@@ -276,10 +276,18 @@ def write_protection_page(
             "{} warnings apply (see report.html).", warnings,
         )),
         classes=", ".join(f"{name}: {most:g}" for name, most in net_classes() if most < np.inf),
-        words=_words, in_words=translated, table_in_words=translated_table,
+        words=_words, moved=_moved, in_words=translated, table_in_words=translated_table,
         language=current_language(),
     )  # fmt: skip
     (folder / PAGE_NAME).write_text(text, encoding="utf-8", newline="\n")
+
+
+def _moved(place: pd.Series) -> str:
+    """Return where a copy of the line lies, with its 95 % values."""
+    m = place["moved_m"]
+    where = "{} m downslope" if m > 0.0 else "{} m upslope" if m < 0.0 else "where it is drawn"
+    size = (place["energy_q95_kj"], place["height_q95_m"])
+    return _words("{} ({} kJ, {} m high)", _words(where, f"{abs(m):g}"), *size)
 
 
 def _words(text: str, *parts: Cell) -> str:

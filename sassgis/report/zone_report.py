@@ -126,7 +126,7 @@ def zone_figures(
     text = (
         "With another random seed, cells may change level. The hatched cells hold {} % of "
         "these changes. More blocks reduce their number. Other onset frequencies or ground "
-        "parameters may change any cell."
+        "parameters may change the level of any cell."
     )
     add(
         "confidence",
@@ -244,7 +244,8 @@ def zone_tables(
                 (None if isinstance(v, float) and np.isnan(v) else v for v in row)
                 for row in sources.itertuples(index=False, name=None)
             ),
-            "The user stated the onset frequencies. The hazard is proportional to them.",
+            "The user stated the onset frequencies. All annual frequencies are proportional to "
+            "them.",
         ),
     ]  # fmt: skip
     if len(design):
@@ -305,7 +306,7 @@ def level_table(preset: HazardPreset, found: Assessment) -> ReportTable:
         columns,
         list(zip(*cells, strict=True))[::-1],
         "No zone has a lower level than a cell in it. Gaps are closed; small zones are enlarged "
-        "or raised. Zone areas are therefore larger than cell areas.",
+        "or join a higher one. Zone areas are therefore larger than cell areas.",
     )
 
 

@@ -115,7 +115,7 @@ class InputReport:
                 f"{p['last']:g} m, heights {p['lowest']:.1f} to {p['highest']:.1f} m",
             ]
         extent = "profile" if self.dem is None else "cells"
-        units = {"polygon": " m2", "line": " m", "point": " point(s)"}
+        units = {"polygon": " m2", "line": " m", "point": " points"}
         areas = [
             f"release area   {a['name']}: {a['size']:.0f}{units[a['kind']]}, {a['points']} release "
             f"points, blocks {', '.join(a['scenarios'])}"
@@ -124,7 +124,8 @@ class InputReport:
         out += areas if every else _some(areas)
         if self.areas:
             out.append(
-                f"               {self.points} release points in all, {len(self.areas)} area(s)"
+                f"               {self.points} release points in {len(self.areas)} "
+                f"{'area' if len(self.areas) == 1 else 'areas'} in all"
             )
         out.append(f"blocks         {', '.join(self.blocks)}")
         for c in self.classes:

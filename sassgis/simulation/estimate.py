@@ -79,8 +79,8 @@ class RunEstimate:
             f"               memory {short(sum(self.need.values()) / 1e9)} GB plus "
             f"{self.per_reached / 1e3:.1f} kB per reached cell{room}",
             f"               time of run {_spoken(self.seconds)}{self._time_of_zone()}, on "
-            f"{self.cores} core(s); several times longer on long slopes, with effects or on slow "
-            "machines",
+            f"{self.cores} {'core' if self.cores == 1 else 'cores'}; several times longer on long "
+            "slopes, with effects or on slow machines",
             f"               maps {short(self.map_bytes / 1e6)} MB uncompressed; a table of blocks "
             f"would have {self.blocks} rows",
         ]

@@ -14,7 +14,7 @@ import shapely
 from sassgis.grid import FloatArray, IntArray
 from sassgis.hazard.significance import SampledRates, beyond_sampling
 from sassgis.settings.languages import joined, phrase
-from sassgis.settings.results import RUNOUT_COUNTS, short
+from sassgis.settings.results import RUNOUT_COUNTS, short, thousands
 from sassgis.studies.stored_result import StoredResult
 
 
@@ -129,7 +129,7 @@ class ResultChange:
         if not self.certain_m2 > 0.0:
             return phrase("No significant change in reach probability.")
         text = "Significant changes: {} m²."
-        return phrase(text, f"{self.certain_m2:,.0f}")
+        return phrase(text, thousands(self.certain_m2))
 
     @property
     def verdict(self) -> str:
@@ -144,7 +144,7 @@ class ResultChange:
 
     def _sentences(self) -> Iterator[str]:
         area = self.row("map", "area reached")
-        before, after = (f"{value:,.0f}" for value in (area.before, area.after))
+        before, after = map(thousands, (area.before, area.after))
         if area.before:
             text = "Area that blocks reach: {} m² before, {} m² after ({} %)."
             share = 100.0 * (area.after / area.before - 1.0)
@@ -161,7 +161,7 @@ class ResultChange:
             yield phrase(text, _signed(f"{energy:+.3g}"))
         if math.isfinite(self.higher_m2):
             text = "Hazard level: higher on {} m², lower on {} m²."
-            yield phrase(text, f"{self.higher_m2:,.0f}", f"{self.lower_m2:,.0f}")
+            yield phrase(text, thousands(self.higher_m2), thousands(self.lower_m2))
 
     def _object_lines(self) -> Iterator[str]:
         text = (
@@ -172,7 +172,7 @@ class ResultChange:
             energy = self.row("object", "energy (95 % quantile)", name)
             reach = self.row("object", "reach probability", name)
             before, after = (
-                phrase("{} kJ{}", f"{value:,.0f}", limits_text(limits, "{:,.0f}".format))
+                phrase("{} kJ{}", thousands(value), limits_text(limits, thousands))
                 for value, limits in zip((energy.before, energy.after), energy.limits, strict=True)
             )
             shares = (short(100.0 * value) for value in (reach.before, reach.after))

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import re
 from pathlib import Path
 from typing import Any
 
@@ -101,31 +100,3 @@ def test_without_the_data_one_clear_line(
     assert authume.main(["--data", str(tmp_path), "--out", str(tmp_path)]) == 2
     said = capsys.readouterr().err
     assert said.count("\n") == 1 and "not here" in said
-
-
-def test_the_page_says_what_the_script_found(repository: Path) -> None:
-    folder = repository / "docs" / "studies"
-    found = json.loads((folder / "authume" / "results.json").read_text(encoding="utf-8"))
-    page = (folder / "authume.md").read_text(encoding="utf-8")
-    rows = [
-        [float(n) for n in re.findall(r"\d+\.\d", row)]
-        for row in re.findall(r"^\| \d\d % \|.*$", page, re.MULTILINE)
-    ]
-    wanted = [
-        [*observed, predicted]
-        for observed, predicted in zip(
-            found["plan_m"]["observed"], found["plan_m"]["predicted"], strict=True
-        )
-    ]
-    np.testing.assert_allclose(rows, wanted, atol=0.06)
-    for name, other in found["other_readings"].items():
-        words = name.removeprefix("engine.").split(" as ")[-1]
-        (row,) = re.findall(rf"^\|.*`{re.escape(words)}` \|.*%.*$", page, re.MULTILINE)
-        median, ninety = (float(n) for n in re.findall(r"(?<=\| )\d+\.\d(?= \|)", row))
-        assert median == pytest.approx(other["plan_m"][2], abs=0.06), name
-        assert ninety == pytest.approx(other["plan_m"][4], abs=0.06), name
-    beyond = found["beyond_the_edge"]
-    assert f"{100 * beyond['observed_share']:.0f} % of the rocks passed" in page
-    assert f"{100 * beyond['predicted_share']:.1f} % of the blocks" in page
-    for key in ("plan_m", "chainage_m"):
-        assert f"{found[key]['energy_distance_m']:.1f} m in" in page

@@ -112,7 +112,7 @@ def test_of_many_areas_some_are_listed_and_the_verdict_is_last(config, make_laye
     assert sum(line.startswith("release area") for line in full.splitlines()) == 20
     listed = [line for line in short.splitlines() if line.startswith("release area")]
     assert len(listed) == 8 and "and 12 more: sassgis validate --all" in short
-    assert "release points in all, 20 area(s)" in short
+    assert "release points in 20 areas in all" in short
     assert short.splitlines()[-1].startswith("not ready for  risk")
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shutil
 from pathlib import Path
 
 import numpy as np
@@ -19,10 +20,7 @@ from sassgis.report.figures.hazard_figures import preset_figure
 @pytest.fixture
 def office(repository: Path, tmp_path: Path) -> Path:
     """The example of the page."""
-    page = (repository / "docs" / "presets.md").read_text(encoding="utf-8")
-    file = tmp_path / "office.toml"
-    file.write_text(page.split("```toml\n")[1].split("```")[0], encoding="utf-8")
-    return file
+    return Path(shutil.copy(repository / "docs" / "office.toml", tmp_path))
 
 
 def changed(file: Path, old: str, new: str) -> Path:

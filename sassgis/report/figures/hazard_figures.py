@@ -456,7 +456,8 @@ def _draw_along(upper: Axes, lower: Axes, places: pd.DataFrame) -> None:
         value, low, high = (places[key + end].to_numpy(float) for end in ("", "_low", "_high"))
         ax.fill_between(moved, low, high, color=colour, alpha=0.15, lw=0.0)
         ax.plot(moved, value, marks, color=colour, ms=3.0, lw=1.1)
-        ax.set_ylabel(name, color=colour, size=style.SMALL)
+        # A long label on the right may go down beside the lower panel.
+        ax.set_ylabel(name, color=colour, size=style.SMALL, loc="center" if ax is upper else "top")
         if ax is upper:
             ax.yaxis.set_major_formatter(style.thousands_formatter())
         ax.set_ylim(0.0, 1.15 * float(np.nanmax([*value, *high, 1e-9])))
