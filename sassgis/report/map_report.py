@@ -223,7 +223,7 @@ _CONTROL_LINE_TABLES = (
         "height, 95 % | m; energy, median | kJ; energy, 95 % | kJ; energy, 99 % | kJ",
         "name rocks speed_mps_q50 speed_mps_q95 rotation_hz_q95 height_m_q95 energy_kj_q50 "
         "energy_kj_q95 energy_kj_q99",
-        "First downhill passage of each block.",
+        "First downhill passage of each block, with all barriers of the configuration.",
     ),
     (
         "Barriers",
@@ -305,7 +305,8 @@ def _ground_table(run: MapRun, reached: IntArray) -> ReportTable:
 
 def passing_figures(progress: Progress, folder: Path) -> list[ReportFigure]:
     """Draw what passes each station and barrier that blocks reach."""
-    total, caption = int(progress.reasons.sum()), "First downhill passage of each block."
+    total = int(progress.reasons.sum())
+    caption = "First downhill passage of each block, with all barriers of the configuration."
     alts = {row["name"]: station_alt(row) for row in control_line_rows(progress.control_lines)}
     return station_figures(progress.control_lines, total, folder, caption, alts)
 

@@ -120,7 +120,7 @@ def test_the_wall_is_what_differs(compared: Path) -> None:
     numbers_ = numbers(compared)
     share = numbers_.loc[("control line", "foot", "share of blocks that arrive")]
     assert share["before"] > 0.5 and share["after"] == 0.0
-    reach = numbers_.loc[("object", "left", "reach probability")]
+    reach = numbers_.loc[("object", "left", "reach probability, largest of the cells")]
     assert reach["before"] > 0.0 and reach["after"] == 0.0
     assert numbers_.loc[("object", "left", "loss"), "unit"] == "CHF/year"
     assert numbers_.loc[("object", "left", "deaths"), "change"] < 0.0
@@ -142,8 +142,9 @@ def test_a_line_counts_as_a_whole(results: Any, compared: Path) -> None:
         reach = bands(result / "maps" / "reach_probability.tif")["reach"]
         # The line runs along the border of two columns of cells.
         largest = np.nan_to_num(reach[10:60, 59:61]).max()
-        assert table.loc[("object", "pipe", "reach probability"), when] <= largest + 1e-6
-    assert table.loc[("object", "pipe", "reach probability"), "before"] > 0.0
+        reach_of = ("object", "pipe", "reach probability, largest of the cells")
+        assert table.loc[reach_of, when] <= largest + 1e-6
+    assert table.loc[reach_of, "before"] > 0.0
 
 
 def test_the_report_says_first_what_changed(compared: Path) -> None:
@@ -152,7 +153,7 @@ def test_the_report_says_first_what_changed(compared: Path) -> None:
     words = " ".join(words.split())
     order = [
         words.index(w)
-        for w in ("Abbildung 1", "Fläche, die Blöcke erreichen", "Wie sicher das ist")
+        for w in ("Abbildung 1", "Fläche der Zellen, die Blöcke erreichen", "Wie sicher das ist")
     ]
     assert order == sorted(order)
     assert "barriers.wall.height_m" in words
