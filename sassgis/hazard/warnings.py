@@ -354,7 +354,10 @@ def assessed_warnings(zones: Iterable[Any], assessed: Sequence[Any]) -> list[str
     beyond = zoned.difference(shapely.union_all(list(assessed))).area if assessed else 0.0
     if beyond < 1.0:
         return []
-    text = "{} m² of the zones ({} %) lie outside the area of hazard.assessed."
+    text = (
+        "{} m² of the zones ({} %) lie outside the area of hazard.assessed. The layers of the "
+        "federal model are cut there; hazard_zones are not."
+    )
     return [phrase(text, thousands(round(beyond)), short(100.0 * beyond / zoned.area))]
 
 

@@ -110,7 +110,8 @@ def test_what_stays_uncertain_is_told_beyond_the_limit_only() -> None:
 def test_zones_beyond_the_assessed_area_are_told() -> None:
     zone, half = shapely.box(0, 0, 10, 10), shapely.box(0, 0, 5, 10)
     assert assessed_warnings([zone], (half,)) == [
-        "50 m² of the zones (50 %) lie outside the area of hazard.assessed."
+        "50 m² of the zones (50 %) lie outside the area of hazard.assessed. The layers of the "
+        "federal model are cut there; hazard_zones are not."
     ]
     assert not assessed_warnings([zone], ()) and not assessed_warnings([half], (zone,))
 
