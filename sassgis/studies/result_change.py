@@ -402,6 +402,18 @@ def _differences(before: Mapping[str, Any], after: Mapping[str, Any]) -> Iterato
                 yield SettingChange(kind, shown, _text(one), _text(two))
 
 
+def setting_changes(
+    before: Mapping[str, Any], after: Mapping[str, Any]
+) -> tuple[SettingChange, ...]:
+    """Return settings that are not equal, by dotted key; files are equal if they have one name."""
+    old, new = dict(_flat(before)), dict(_flat(after))
+    return tuple(
+        SettingChange("setting", name, _text(old.get(name)), _text(new.get(name)))
+        for name in sorted({*old, *new})
+        if old.get(name) != new.get(name) and not _same_file(old.get(name), new.get(name))
+    )
+
+
 def _facts(manifest: Mapping[str, Any]) -> dict[str, dict[str, Any]]:
     """Return the compared facts by kind and name; of inputs the path by the digest."""
     inputs: dict[str, dict[str, str]] = {}
