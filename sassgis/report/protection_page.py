@@ -37,7 +37,14 @@ from sassgis.report.page import (
 from sassgis.report.pictures import picture
 from sassgis.settings.exposure import PlacedObjects
 from sassgis.settings.hazard_rules import HazardPreset
-from sassgis.settings.languages import counted, current_language, joined, phrase, translated
+from sassgis.settings.languages import (
+    Phrase,
+    counted,
+    current_language,
+    joined,
+    phrase,
+    translated,
+)
 from sassgis.settings.results import ControlLine
 from sassgis.simulation.control_lines import BEHIND, FORCE, LOAD, OVER
 
@@ -193,7 +200,7 @@ def protection_sheets(
                 "rate": float(design["arrivals_per_year"].iloc[i]),
                 "blocks": int(design["rocks"].iloc[i]),
                 "yearly": needs.iloc[0],
-                "best": best_places(along),
+                "best": best_words(along),
                 "beyond": words_at_line(without_barriers, i),
                 "given": given,
                 "table": needs_table(design.iloc[i], needs),
@@ -205,20 +212,40 @@ def protection_sheets(
     return tuple(sheets)
 
 
-def best_places(places: pd.DataFrame) -> tuple[pd.Series, pd.Series] | None:
-    """Find where along the slope the least energy and height of 95 % of the blocks arrive.
+def best_words(places: pd.DataFrame) -> Phrase | None:
+    """State where along the slope the least energy and height (95 %) arrive, and against what.
 
     Places upslope that fewer blocks reach than the line itself are left out: the others start below
     them or pass next to it. So are places below an exposed object that the line is above. None if
     there is nothing to compare.
     """
-    here = places[places["moved_m"] == 0.0]
-    if len(places) < 2 or not len(here):
+    drawn = places[places["moved_m"] == 0.0]
+    if len(places) < 2 or not len(drawn):
         return None
-    enough = places["arrivals_per_year"] >= _ENOUGH * here["arrivals_per_year"].iloc[0]
+    here = drawn.iloc[0]
+    enough = places["arrivals_per_year"] >= _ENOUGH * here["arrivals_per_year"]
     known = places[(enough | (places["moved_m"] >= 0.0)) & places["above_objects"]]
-    energy, height = (known.loc[known[key].idxmin()] for key in ("energy_q95_kj", "height_q95_m"))
-    return energy, height
+    parts: list[object] = [len(known)]
+    for key in ("energy_q95_kj", "height_q95_m"):
+        best = known.loc[known[key].idxmin()]
+        parts += [_moved(best["moved_m"]), sensible(best[key]), sensible(here[key])]
+    text = (
+        "Of {} places that protect the same objects, the 95 % energy is lowest {}: {} kJ (as drawn "
+        "{} kJ). The 95 % passing height is lowest {}: {} m (as drawn {} m)."
+    )
+    below = places.loc[~places["above_objects"], "energy_q95_kj"].min()
+    if not below < known["energy_q95_kj"].min():
+        return phrase(text, *parts)
+    more = "Places further down ({} kJ) do not count: an exposed object lies above them."
+    return joined(" ", (phrase(text, *parts), phrase(more, sensible(below))))
+
+
+def _moved(metres: float) -> Phrase:
+    """Return where a copy of a line lies."""
+    if metres == 0.0:
+        return phrase("where it is drawn")
+    text = "{} m downslope" if metres > 0.0 else "{} m upslope"
+    return phrase(text, f"{abs(metres):g}")
 
 
 #: Columns of protection.csv in the sheets: key, title, and kinds of lines that have it.
