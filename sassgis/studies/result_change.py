@@ -112,7 +112,7 @@ class ResultChange:
     # Area on which the reach probability changes beyond the sampling of both, of which a twentieth
     # at most is by chance (m²).
     certain_m2: float
-    # Objects with such cells that blocks reach more often, and less often, on the whole.
+    # Objects with such cells that blocks reach more often, and less often; some may be in both.
     reached: tuple[tuple[str, ...], tuple[str, ...]] = ((), ())
     notes: tuple[str, ...] = ()  # what a reader must know before comparing numbers
 
@@ -166,7 +166,10 @@ class ResultChange:
         if math.isfinite(self.higher_m2):
             text = "Hazard level of cells, before zones are drawn: higher on {} m², lower on {} m²."
             yield phrase(text, f"{self.higher_m2:,.0f}", f"{self.lower_m2:,.0f}")
-        texts = ("Significantly more blocks reach: {}.", "Significantly fewer blocks reach: {}.")
+        texts = (
+            "Significantly more blocks reach at least a part of: {}.",
+            "Significantly fewer blocks reach at least a part of: {}.",
+        )
         for text, names in zip(texts, self.reached, strict=True):
             if names:
                 yield phrase(text, ", ".join(names))
@@ -300,11 +303,10 @@ def _certain(both: _Both) -> np.ndarray:
 def _reached(
     both: _Both, certain: np.ndarray, names: Sequence[str], cells: IntArray, owner: IntArray
 ) -> tuple[tuple[str, ...], tuple[str, ...]]:
-    """Return objects whose cells with a certain change are reached more often, and less often."""
-    change = difference(*(r.band(*REACH[:2]).ravel() for r in both))
-    sums = np.bincount(owner, np.where(certain, change, 0.0)[cells], len(names))
-    named = list(zip(names, sums.tolist(), strict=True))
-    return tuple(n for n, own in named if own > 0.0), tuple(n for n, own in named if own < 0.0)
+    """Return objects with a cell that is certainly reached more often, and less often."""
+    change = np.where(certain, difference(*(r.band(*REACH[:2]).ravel() for r in both)), 0.0)[cells]
+    more, fewer = (np.unique(owner[sign * change > 0.0]).tolist() for sign in (1.0, -1.0))
+    return tuple(names[i] for i in more), tuple(names[i] for i in fewer)
 
 
 def _map_rows(both: _Both, maps: Sequence[ComparedMap]) -> Iterator[ChangeRow]:
