@@ -254,3 +254,14 @@ def test_qgis_opens_the_comparison(compared: Path, tmp_path: Path, qgis: None) -
     classes = by_name["Änderung der Gefahrenzonen"]["renderer"]["classes"]
     assert {"lower", "same", "higher"} <= {c["value"] for c in classes}
     assert seen["blank_share"] < 0.9
+
+
+def test_a_moved_line_is_named(results: Any, tmp_path: Path, call) -> None:
+    moved = tmp_path / "moved"
+    shutil.copytree(results[1], moved)
+    stations = gpd.read_file(moved / "result.gpkg", layer="stations")
+    stations.geometry = stations.geometry.translate(1.0)
+    stations.to_file(moved / "result.gpkg", layer="stations")
+    _, _, err = call("compare", results[1], moved, "-o", tmp_path / "out")
+    assert "loads are those of two places: foot" in err
+    assert "two places" not in call("compare", *results, "-o", tmp_path / "same")[2]
