@@ -43,9 +43,13 @@ EDITS_FILE, EDITS_LAYER = "edits.gpkg", "edits"
 def check_is_result(folder: Path) -> None:
     """Raise InputError if a folder is no result of sassgis."""
     if not (folder / MANIFEST_NAME).is_file():
-        raise InputError(
-            "is not a result of sassgis", file=folder, expected=f"a folder with {MANIFEST_NAME}"
+        found = (
+            "a folder without it" if folder.is_dir() else "a file" if folder.exists() else "nothing"
         )
+        raise InputError(
+            "is not a result of sassgis", file=folder, found=found,
+            expected=f"a folder with {MANIFEST_NAME}",
+        )  # fmt: skip
 
 
 def read_manifest(folder: Path) -> Mapping[str, Any]:

@@ -292,7 +292,7 @@ def _ground_table(run: MapRun, reached: IntArray) -> ReportTable:
     return table_of(
         "Ground classes",
         "class; η max; Δp/p; μ_f; μ_0; k; d* | m; e; speed at e/2 | m/s; rolling threshold; "
-        "μ_v; trust; share of the ground | %",
+        "μ_v; trust; share of the ground that blocks reach | %",
         (
             (ground_name(c.name), c.eta_max, _span(c.dp_min, c.dp_max), c.mu_f, c.mu_0, c.k,
              c.d_star_m, c.restitution, c.restitution_speed_mps, c.rolling_threshold, c.mu_v,

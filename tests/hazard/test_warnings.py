@@ -63,7 +63,9 @@ def test_classes_are_named_by_how_far_they_may_be_trusted() -> None:
     paper = replace(own, name="three", trust="paper")
     used = [(replace(own, name="one"), 0.25), (paper, 0.5), (replace(own, name="two"), 0.25)]
     (text,) = ground_warnings(used)
-    assert text.endswith("Estimated ground classes (share of the ground): one 25 %, two 25 %.")
+    assert text.endswith(": one 25 %, two 25 %.")
+    # A check before a run does not know what blocks reach.
+    assert ground_warnings(used)[0] != ground_warnings(used, "share of the terrain")[0]
     (text,) = ground_warnings([(replace(own, trust="fitted"), 1.0)])
     assert "fitted to field sites" in text
     assert not ground_warnings([(paper, 1.0)])
