@@ -102,11 +102,11 @@ def exposed_table(
         shown.insert(2, values.energy_kj[rare])
     rows: list[tuple[float, tuple[Cell, ...]]] = []
     for name, own in placed.wholes.items():
-        energy = np.nan_to_num(shown[-2].value[own], nan=-1.0)
-        number = own[int(np.argmax(energy))]
+        number = values.stretch_of(own)
         level = levels[name] if levels else ()
         cells = [with_limits(*estimate.of(number)) for estimate in shown]
-        rows.append((-energy.max(), (name, placed.objects[number].kind, *level, *cells)))
+        energy = float(np.nan_to_num(shown[-2].value[number], nan=-1.0))
+        rows.append((-energy, (name, placed.objects[number].kind, *level, *cells)))
     rows.sort(key=lambda row: row[0])
     note = phrase(
         "All blocks that reach the object, with limits of the sampling error. Energy: largest "
@@ -227,17 +227,20 @@ def best_words(places: pd.DataFrame) -> Phrase | None:
     known = places[(enough | (places["moved_m"] >= 0.0)) & places["above_objects"]]
     parts: list[object] = [len(known)]
     for key in ("energy_q95_kj", "height_q95_m"):
-        best = known.loc[known[key].idxmin()]
-        parts += [_moved(best["moved_m"]), sensible(best[key]), sensible(here[key])]
+        least = known.loc[known[key].idxmin()]
+        parts += [_moved(least["moved_m"]), sensible(least[key]), sensible(here[key])]
     text = (
         "Of {} places that protect the same objects, the 95 % energy is lowest {}: {} kJ (as drawn "
         "{} kJ). The 95 % passing height is lowest {}: {} m (as drawn {} m)."
     )
+    best = phrase(text, *parts)
+    if len(known) == 1:
+        best = phrase("No other place protects the same objects.")
     below = places.loc[~places["above_objects"], "energy_q95_kj"].min()
     if not below < known["energy_q95_kj"].min():
-        return phrase(text, *parts)
+        return best
     more = "Places further down ({} kJ) do not count: an exposed object lies above them."
-    return joined(" ", (phrase(text, *parts), phrase(more, sensible(below))))
+    return joined(" ", (best, phrase(more, sensible(below))))
 
 
 def _moved(metres: float) -> Phrase:

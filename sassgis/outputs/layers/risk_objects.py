@@ -7,7 +7,6 @@ from dataclasses import replace
 from itertools import pairwise
 
 import geopandas as gpd
-import numpy as np
 import pandas as pd
 import shapely
 
@@ -67,7 +66,7 @@ def exposed_layers(
     """Return layers of areas, lines and points that have objects; a road is one object.
 
     With ``values`` they have those of all blocks that reach the object; a road has those of its
-    stretch with the largest value.
+    stretch with the most energy.
     """
     whole = {"name": [t.whole for t in placed.objects], "kind": [t.kind for t in placed.objects]}
     frame = gpd.GeoDataFrame(whole, geometry=list(placed.geometries), crs=crs or None)
@@ -75,14 +74,12 @@ def exposed_layers(
     # A name is written along a whole road, which its stretches are too short for.
     stretches = frame.geom_type == "MultiLineString"
     frame.geometry = frame.geometry.where(~stretches, frame.geometry.line_merge())
-    shown = list(frame.columns[:2])
+    shown, stretches = ["name", "kind"], list[int]()
+    if values is not None:
+        stretches = [values.stretch_of(placed.wholes[name]) for name in frame["name"]]
     for name, estimate in value_columns(values).items():
-        largest = [
-            max(own, key=lambda i: np.nan_to_num(estimate.value[i], nan=-1.0))
-            for own in map(placed.wholes.__getitem__, frame["name"])
-        ]
         for column, numbers in estimate.columns(name).items():
-            frame[column] = [rounded(v, 4) for v in numbers[largest].tolist()]
+            frame[column] = [rounded(v, 4) for v in numbers[stretches].tolist()]
             shown.append(column)
     dimension = shapely.get_dimensions(frame.geometry.to_numpy())
     fields, layers = _value_fields(values), []
