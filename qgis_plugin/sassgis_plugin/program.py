@@ -151,7 +151,8 @@ def run(command: Sequence[object], feedback: QgsProcessingFeedback) -> list[str]
         _stop(process)
         raise QgsProcessingException("Stopped. Run the tool again with the same folder to resume.")
     code = process.wait()
-    if code != 0:
+    # A check that finds faults ends with 1 and its answer, without an error.
+    if error or code not in (0, 1):
         raise QgsProcessingException(error or f"{words[0]} ended with code {code}; {last}")
     return said
 

@@ -102,7 +102,10 @@ def check_terrain(
     overwrite: bool,
     **given: Any,
 ) -> None:
-    """Check the terrain model DEM, a raster or a folder of tiles: a verdict for each item."""
+    """Check the terrain model DEM, a raster or a folder of tiles: a verdict for each item.
+
+    Exit code 1 where an item is bad, so that the model cannot be used as it is.
+    """
     from sassgis.runs.dem_check import check_dem, write_dem_cells, write_dem_page
 
     report = check_dem(dem, **given)
@@ -115,6 +118,8 @@ def check_terrain(
     said = report.suggestion(asked) if out is None else f"Wrote {out}: {len(report.cells)} items"
     if said and not as_json:
         click.echo(said)
+    if report.verdict == "bad":
+        click.get_current_context().exit(1)
 
 
 @command(

@@ -194,7 +194,7 @@ def staged_output(target: Path, overwrite: bool, parts: Sequence[str] = ()) -> I
     with alone(target):
         with writing(target, within=work):
             yield work
-        with writing(work):
+        with writing(target):
             _flush_to_disk(work)
             _clear(work, keep_saved=False)
         try:
@@ -325,18 +325,19 @@ def alone(target: Path) -> Iterator[None]:
     """
     work = partial_folder(target)
     _check_work(work)
-    with writing(work):
+    # A message names the folder that the user gave.
+    with writing(target):
         work.mkdir(parents=True, exist_ok=True)
         lock = FileLock(work / MARKER_NAME)
         try:
             lock.acquire(timeout=0)
         except Timeout as error:
-            raise OutputError(f"{work}: another run is writing this result") from error
+            raise OutputError(f"{target}: another run is writing this result") from error
     # Open files that clearing takes, where what failed has found that the system allows no more.
     spare = ExitStack()
     try:
         _clear(work)
-        with writing(work):
+        with writing(target):
             for _ in range(4):
                 spare.enter_context(open(os.devnull, "rb"))  # noqa: SIM115
         yield

@@ -145,7 +145,7 @@ def vector_file(file: Path, field: str | None) -> Iterator[None]:
             with file.open("rb") as stream:
                 head = stream.read(_HEAD)
         if not _is_vector(head):
-            raise ValueError("none of the formats that are read")
+            raise ValueError("a folder" if file.is_dir() else "none of the formats that are read")
         if head.startswith(_SQLITE) and (computed := _computed_table(file)):
             raise InputError(
                 "holds a view or a virtual table", file=file, field=field, found=computed,

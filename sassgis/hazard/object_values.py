@@ -50,6 +50,16 @@ class ObjectValues:
     # Exceeded once in a return period (years); empty without frequencies.
     energy_kj: Mapping[float, ObjectEstimate] = field(default_factory=dict)
 
+    def stretch_of(self, stretches: Sequence[int]) -> int:
+        """Return the stretch of a road whose values stand for it: that with the most energy.
+
+        The energy is that of the longest return period; without frequencies the 95 % quantile.
+        """
+        energy = self.energy_q95_kj
+        if self.energy_kj:
+            energy = self.energy_kj[max(self.energy_kj)]
+        return max(stretches, key=lambda i: float(np.nan_to_num(energy.value[i], nan=-1.0)))
+
 
 def object_values(
     objects: ObjectCells,

@@ -64,9 +64,11 @@ _LINE_ENDS = (
         "{} of {} fall lines form closed loops. Check the terrain there for pits.",
     ),
 )
+#: What the share of a ground class is stated of.
+REACHED = "share of the ground that blocks reach"
 _TRUST_WARNINGS: tuple[tuple[Trust, str], ...] = (
-    ("estimate", "Estimated ground classes (share of the ground): {}."),
-    ("fitted", "Ground classes fitted to field sites (share of the ground): {}."),
+    ("estimate", "Estimated ground classes ({}): {}."),
+    ("fitted", "Ground classes fitted to field sites ({}): {}."),
 )
 #: Points and size of a release area differ by more than this factor, and by so many points.
 _UNEVEN, _FEW_POINTS = 2.0, 2
@@ -140,12 +142,17 @@ def ground_words(used: Iterable[tuple[GroundClass, float]]) -> str:
     return joined(", ", classes)
 
 
-def ground_warnings(used: Sequence[tuple[GroundClass, float]]) -> list[str]:
-    """Warn how far the values of the classes that occur may be trusted, each with its share."""
+def ground_warnings(
+    used: Sequence[tuple[GroundClass, float]], share_of: str = REACHED
+) -> list[str]:
+    """Warn how far the values of the classes that occur may be trusted, each with its share.
+
+    ``share_of`` says of what the shares are.
+    """
     out: list[str] = []
     for trust, text in _TRUST_WARNINGS:
         if names := ground_words((c, share) for c, share in used if c.trust == trust):
-            out.append(_set_up(text, names))
+            out.append(_set_up(text, phrase(share_of), names))
     assumed = [f"{c.name} {c.d_star_m:g} m" for c, _ in used if c.trust == "paper" and c.d_star_m]
     if assumed:
         text = (
@@ -347,7 +354,10 @@ def assessed_warnings(zones: Iterable[Any], assessed: Sequence[Any]) -> list[str
     beyond = zoned.difference(shapely.union_all(list(assessed))).area if assessed else 0.0
     if beyond < 1.0:
         return []
-    text = "{} m² of the zones ({} %) lie outside the area of hazard.assessed."
+    text = (
+        "{} m² of the zones ({} %) lie outside the area of hazard.assessed. The layers of the "
+        "federal model are cut there; hazard_zones are not."
+    )
     return [phrase(text, thousands(round(beyond)), short(100.0 * beyond / zoned.area))]
 
 

@@ -147,7 +147,7 @@ def check_columns(header: Sequence[str], columns: Columns, file: Input, where: s
     for column in header:
         if column not in known or header.count(column) > 1:
             problem, meant = f"{where}: unknown or repeated column", nearest(column, known)
-            raise wrong(problem, field=column or "(empty)", expected=meant)
+            raise wrong(problem, field=column or "(empty)", found=repr(column), expected=meant)
     for column in required:
         if column not in header:
             found, expected = ", ".join(header) or "nothing", ", ".join(known)

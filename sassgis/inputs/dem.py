@@ -191,6 +191,8 @@ def open_raster(file: Input, key: str, keep: bool = False) -> Iterator[Any]:
 
 def _reason(error: Exception, file: Input) -> str:
     text = str(error).replace(f"'{file}' ", "").replace(str(file), file.name)
+    if "not recognized as being in a supported" in text:
+        return "none of the formats that are read"
     return (text.splitlines() or [type(error).__name__])[0][:160]
 
 

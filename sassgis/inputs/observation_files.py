@@ -163,6 +163,11 @@ def _raw_tables(
         each = " (each a CSV file)"
         files = (p for p in sorted(source.iterdir()) if p.suffix.lower() == ".csv")
         raws = _csv_tables({file.stem: file for file in files}, findings)
+    elif source.suffix.lower() == ".csv" and source.is_file():
+        raise InputError(
+            "is a single table", file=source, field=KEY, found="a CSV file",
+            expected="the folder that holds it, or a GeoPackage",
+        )  # fmt: skip
     elif source.exists():
         raws = _geopackage(source, findings)
     else:

@@ -98,6 +98,9 @@ def table_of(raw: RawTable, grid: Grid | None) -> Table:
     for column in TABLES[raw.name]:
         if column.text:
             values = columns.get(column.name)
+            if values is None and column.name in TABLE_TYPES[raw.name].required:
+                found = ", ".join(map(str, raw.columns)) or "no columns"
+                raise InputError("column is missing", found=found, expected=column.name)
             names = [""] * n if values is None else _names(values)
             data[column.name] = _short(raw, column.name, names)
         elif column.name in columns:

@@ -43,9 +43,13 @@ EDITS_FILE, EDITS_LAYER = "edits.gpkg", "edits"
 def check_is_result(folder: Path) -> None:
     """Raise InputError if a folder is no result of sassgis."""
     if not (folder / MANIFEST_NAME).is_file():
-        raise InputError(
-            "is not a result of sassgis", file=folder, expected=f"a folder with {MANIFEST_NAME}"
+        found = (
+            "a folder without it" if folder.is_dir() else "a file" if folder.exists() else "nothing"
         )
+        raise InputError(
+            "is not a result of sassgis", file=folder, found=found,
+            expected=f"a folder with {MANIFEST_NAME}",
+        )  # fmt: skip
 
 
 def read_manifest(folder: Path) -> Mapping[str, Any]:
@@ -231,14 +235,15 @@ _Values = dict[str, dict[str, tuple[float, ...]]]
 
 
 def _read_objects(folder: Path) -> tuple[PlacedObjects, dict[str, dict[str, float]], _Values]:
-    """Return exposed objects, and by the name of the whole sums of risk and largest values."""
+    """Return exposed objects, and by the name of the whole sums of risk and values."""
     objects: list[ExposedObject] = []
     shapes: list[Any] = []
     risk: dict[str, dict[str, float]] = {}
     values: _Values = {}
     frames = [read_layer(folder / ZONE_FILE, name) for name in _RISK_LAYERS]
+    wholes = [read_layer(folder / RESULT_FILE, name) for name in _OBJECT_LAYERS]
     if not any(frame is not None for frame in frames):
-        frames = [read_layer(folder / RESULT_FILE, name) for name in _OBJECT_LAYERS]
+        frames = wholes
     for frame in frames:
         for row in [] if frame is None else frame.to_dict("records"):
             one = ExposedObject(row["name"], row["kind"], parent=row.get("part_of") or "")
@@ -249,10 +254,13 @@ def _read_objects(folder: Path) -> tuple[PlacedObjects, dict[str, dict[str, floa
                 sums = risk.setdefault(one.whole, dict.fromkeys(_PER_YEAR, 0.0))
                 for column in _PER_YEAR:
                     sums[column] += float(row[column])
-            for column in _VALUES if _VALUES[0] in row else ():
-                read = (row[column + end] for end in ("", "_low", "_high"))
-                own = tuple(np.nan if value is None else float(value) for value in read)
-                largest = values.setdefault(one.whole, {}).setdefault(column, own)
-                if not own[0] <= largest[0] and not np.isnan(own[0]):
-                    values[one.whole][column] = own
+    for frame in wholes:
+        for row in [] if frame is None or _VALUES[0] not in frame else frame.to_dict("records"):
+            values[row["name"]] = {
+                column: tuple(
+                    np.nan if (value := row[column + end]) is None else float(value)
+                    for end in ("", "_low", "_high")
+                )
+                for column in _VALUES
+            }
     return PlacedObjects(tuple(objects), tuple(shapes)), risk, values

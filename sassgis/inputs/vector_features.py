@@ -80,6 +80,11 @@ def refuse_unknown(name: str, known: Sequence[str], problem: str, **place: Any) 
         raise InputError(problem, found=repr(name), expected=nearest(name, known), **place)
 
 
+def _file_key(key: str) -> str:
+    """Return the key of the file of a section; an option names its file by itself."""
+    return key if key.startswith("--") else f"{key}.file"
+
+
 def refuse_twice(
     names: Iterable[str],
     expected: str,
@@ -165,7 +170,7 @@ def open_layer(
     may_be_empty: bool = False,
 ) -> Any:
     """Return the layer as a frame with geometry."""
-    place = f"{key}.file"
+    place = _file_key(key)
     check_file(file, place, VECTOR, folders=True)
     warned: tuple[str, ...] = ()
     if isinstance(file, InMemory):
@@ -177,6 +182,12 @@ def open_layer(
         notice(f"{file}: {text}")
     known = [c for c in frame.columns if c != "geometry"]
     for setting, field in fields.items():
+        if field == setting and field not in known:
+            # Of a layer whose attributes have fixed names.
+            raise InputError(
+                "attribute is missing", file=file, field=f"layer {name}, {field}",
+                found=", ".join(known) or "no attributes", expected=", ".join(fields),
+            )  # fmt: skip
         if field is not None:
             refuse_unknown(field, known, "attribute not found", file=file, field=f"{key}.{setting}")
         # Of a layer that is kept once only: a batch asks for each of its features.
@@ -199,7 +210,7 @@ def _read_layer(
 
     A few are kept: a batch takes its release areas one by one from the same layer.
     """
-    with vector_file(file, f"{key}.file"), warnings.catch_warnings(record=True) as warned:
+    with vector_file(file, _file_key(key)), warnings.catch_warnings(record=True) as warned:
         warnings.simplefilter("always")
         name = _choose_layer(layers_of(file), layer, file, key)
         # Geometries that cannot be decoded come as None and are reported by feature.
@@ -224,7 +235,7 @@ def _choose_layer(
     if not drawn:
         found = f"layers {', '.join(layers) or 'none'}"
         problem, expected = "holds no layer with geometry", "a layer of polygons, lines or points"
-        raise wrong(problem, field=f"{key}.file", found=found, expected=expected)
+        raise wrong(problem, field=_file_key(key), found=found, expected=expected)
     if wanted is not None:
         expected = nearest(wanted, drawn)
         raise wrong("layer not found", field=field, found=repr(wanted), expected=expected)
@@ -240,10 +251,11 @@ _FARTHEST = 1e8
 
 def _checked_kind(feature: Feature, shape: Any, key: str, kinds: Sequence[str]) -> str:
     """Return kind of a geometry, in the coordinates of its file so that users find the place."""
-    wrong = partial(feature.wrong, field=f"{key}.file")
+    wrong = partial(feature.wrong, field=_file_key(key))
     wanted = "a " + " or ".join(kinds)
     if shape is None or shape.is_empty:
-        raise wrong("has no usable geometry", expected=wanted)
+        found = "none" if shape is None else "an empty one"
+        raise wrong("has no usable geometry", found=found, expected=wanted)
     kind: str = shape.geom_type.removeprefix("Multi").lower()
     kind = _LINES.get(kind, kind)
     if kind not in kinds:
@@ -266,7 +278,7 @@ def onto_grid(
     shapes: Sequence[Any], crs: Any, grid: Grid, file: Input, key: str, labels: Sequence[str]
 ) -> list[Any]:
     """Return geometries in the coordinates of the DEM; they must meet it somewhere."""
-    place = f"{key}.file"
+    place = _file_key(key)
     wrong = partial(InputError, file=file, field=place)
     own = None if crs is None else pyproj.CRS.from_user_input(crs)
     if own is not None and own.is_engineering:

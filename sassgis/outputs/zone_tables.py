@@ -175,7 +175,9 @@ def protection_table(
                 "return_period_years": years,
             }
             row |= _named("energy_kj", energy)
-            row |= {"net_class": net_class(energy[0]), "net_class_high": net_class(energy[2])}
+            # Walls and galleries have no class.
+            of_net = energy if line.kind in ("station", "net") else (float("nan"),) * 3
+            row |= {"net_class": net_class(of_net[0]), "net_class_high": net_class(of_net[2])}
             row["block_m"] = rounded(size, 3)
             row |= _named("net_height_m", tuple(value + size for value in height))
             row["arrivals_per_year"] = rounded(energies.rate[0], 4)

@@ -110,7 +110,7 @@ def change_report(
         levels |= {c.value: c.label for c in after.maps[result_change.LEVEL.stem].classes}
     note = (
         "0: no block arrives. Energies and passing heights with limits of the sampling error: "
-        "all blocks that reach the object; on a road, the stretch with the largest value. Values "
+        "all blocks that reach the object; on a road, the stretch with the highest energy. Values "
         "without limits: largest over the cells of the object. Deaths and loss: sums over the "
         "object."
     )

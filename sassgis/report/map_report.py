@@ -223,7 +223,7 @@ _CONTROL_LINE_TABLES = (
         "height, 95 % | m; energy, median | kJ; energy, 95 % | kJ; energy, 99 % | kJ",
         "name rocks speed_mps_q50 speed_mps_q95 rotation_hz_q95 height_m_q95 energy_kj_q50 "
         "energy_kj_q95 energy_kj_q99",
-        "First downhill passage of each block.",
+        "First downhill passage of each block, with all barriers of the configuration.",
     ),
     (
         "Barriers",
@@ -292,7 +292,7 @@ def _ground_table(run: MapRun, reached: IntArray) -> ReportTable:
     return table_of(
         "Ground classes",
         "class; η max; Δp/p; μ_f; μ_0; k; d* | m; e; speed at e/2 | m/s; rolling threshold; "
-        "μ_v; trust; share of the ground | %",
+        "μ_v; trust; share of the ground that blocks reach | %",
         (
             (ground_name(c.name), c.eta_max, _span(c.dp_min, c.dp_max), c.mu_f, c.mu_0, c.k,
              c.d_star_m, c.restitution, c.restitution_speed_mps, c.rolling_threshold, c.mu_v,
@@ -305,7 +305,8 @@ def _ground_table(run: MapRun, reached: IntArray) -> ReportTable:
 
 def passing_figures(progress: Progress, folder: Path) -> list[ReportFigure]:
     """Draw what passes each station and barrier that blocks reach."""
-    total, caption = int(progress.reasons.sum()), "First downhill passage of each block."
+    total = int(progress.reasons.sum())
+    caption = "First downhill passage of each block, with all barriers of the configuration."
     alts = {row["name"]: station_alt(row) for row in control_line_rows(progress.control_lines)}
     return station_figures(progress.control_lines, total, folder, caption, alts)
 

@@ -37,7 +37,14 @@ from sassgis.report.page import (
 from sassgis.report.pictures import picture
 from sassgis.settings.exposure import PlacedObjects
 from sassgis.settings.hazard_rules import HazardPreset
-from sassgis.settings.languages import counted, current_language, joined, phrase, translated
+from sassgis.settings.languages import (
+    Phrase,
+    counted,
+    current_language,
+    joined,
+    phrase,
+    translated,
+)
 from sassgis.settings.results import ControlLine
 from sassgis.simulation.control_lines import BEHIND, FORCE, LOAD, OVER
 
@@ -95,11 +102,11 @@ def exposed_table(
         shown.insert(2, values.energy_kj[rare])
     rows: list[tuple[float, tuple[Cell, ...]]] = []
     for name, own in placed.wholes.items():
-        energy = np.nan_to_num(shown[-2].value[own], nan=-1.0)
-        number = own[int(np.argmax(energy))]
+        number = values.stretch_of(own)
         level = levels[name] if levels else ()
         cells = [with_limits(*estimate.of(number)) for estimate in shown]
-        rows.append((-energy.max(), (name, placed.objects[number].kind, *level, *cells)))
+        energy = float(np.nan_to_num(shown[-2].value[number], nan=-1.0))
+        rows.append((-energy, (name, placed.objects[number].kind, *level, *cells)))
     rows.sort(key=lambda row: row[0])
     note = phrase(
         "All blocks that reach the object, with limits of the sampling error. Energy: largest "
@@ -193,7 +200,7 @@ def protection_sheets(
                 "rate": float(design["arrivals_per_year"].iloc[i]),
                 "blocks": int(design["rocks"].iloc[i]),
                 "yearly": needs.iloc[0],
-                "best": best_places(along),
+                "best": best_words(along),
                 "beyond": words_at_line(without_barriers, i),
                 "given": given,
                 "table": needs_table(design.iloc[i], needs),
@@ -205,20 +212,43 @@ def protection_sheets(
     return tuple(sheets)
 
 
-def best_places(places: pd.DataFrame) -> tuple[pd.Series, pd.Series] | None:
-    """Find where along the slope the least energy and height of 95 % of the blocks arrive.
+def best_words(places: pd.DataFrame) -> Phrase | None:
+    """State where along the slope the least energy and height (95 %) arrive, and against what.
 
     Places upslope that fewer blocks reach than the line itself are left out: the others start below
     them or pass next to it. So are places below an exposed object that the line is above. None if
     there is nothing to compare.
     """
-    here = places[places["moved_m"] == 0.0]
-    if len(places) < 2 or not len(here):
+    drawn = places[places["moved_m"] == 0.0]
+    if len(places) < 2 or not len(drawn):
         return None
-    enough = places["arrivals_per_year"] >= _ENOUGH * here["arrivals_per_year"].iloc[0]
+    here = drawn.iloc[0]
+    enough = places["arrivals_per_year"] >= _ENOUGH * here["arrivals_per_year"]
     known = places[(enough | (places["moved_m"] >= 0.0)) & places["above_objects"]]
-    energy, height = (known.loc[known[key].idxmin()] for key in ("energy_q95_kj", "height_q95_m"))
-    return energy, height
+    parts: list[object] = [len(known)]
+    for key in ("energy_q95_kj", "height_q95_m"):
+        least = known.loc[known[key].idxmin()]
+        parts += [_moved(least["moved_m"]), sensible(least[key]), sensible(here[key])]
+    text = (
+        "Of {} places that protect the same objects, the 95 % energy is lowest {}: {} kJ (as drawn "
+        "{} kJ). The 95 % passing height is lowest {}: {} m (as drawn {} m)."
+    )
+    best = phrase(text, *parts)
+    if len(known) == 1:
+        best = phrase("No other place protects the same objects.")
+    below = places.loc[~places["above_objects"], "energy_q95_kj"].min()
+    if not below < known["energy_q95_kj"].min():
+        return best
+    more = "Places further down ({} kJ) do not count: an exposed object lies above them."
+    return joined(" ", (best, phrase(more, sensible(below))))
+
+
+def _moved(metres: float) -> Phrase:
+    """Return where a copy of a line lies."""
+    if metres == 0.0:
+        return phrase("where it is drawn")
+    text = "{} m downslope" if metres > 0.0 else "{} m upslope"
+    return phrase(text, f"{abs(metres):g}")
 
 
 #: Columns of protection.csv in the sheets: key, title, and kinds of lines that have it.
@@ -276,18 +306,10 @@ def write_protection_page(
             "{} warnings apply (see report.html).", warnings,
         )),
         classes=", ".join(f"{name}: {most:g}" for name, most in net_classes() if most < np.inf),
-        words=_words, moved=_moved, in_words=translated, table_in_words=translated_table,
+        words=_words, in_words=translated, table_in_words=translated_table,
         language=current_language(),
     )  # fmt: skip
     (folder / PAGE_NAME).write_text(text, encoding="utf-8", newline="\n")
-
-
-def _moved(place: pd.Series) -> str:
-    """Return where a copy of the line lies, with its 95 % values."""
-    m = place["moved_m"]
-    where = "{} m downslope" if m > 0.0 else "{} m upslope" if m < 0.0 else "where it is drawn"
-    size = (place["energy_q95_kj"], place["height_q95_m"])
-    return _words("{} ({} kJ, {} m high)", _words(where, f"{abs(m):g}"), *size)
 
 
 def _words(text: str, *parts: Cell) -> str:

@@ -253,8 +253,8 @@ def zone_tables(
         tables += [
             _design_table(title, name, key, unit, years, design)
             for title, name, key, unit in (
-                ("Arriving energy at stations and barriers", "energy", "kj", "kJ"),
-                ("Passing height at stations and barriers", "height", "m", "m"),
+                ("Energy at stations and barriers, without barriers", "energy", "kj", "kJ"),
+                ("Passing height at stations and barriers, without barriers", "height", "m", "m"),
             )
         ]
     if found.hazard.edits:

@@ -220,7 +220,10 @@ def check_inputs(config: Config) -> InputReport:
         warnings=(
             *config.notes,
             *warned,
-            *ground_warnings([(table.classes[i], share) for i, share in sorted(shares.items())]),
+            *ground_warnings(
+                [(table.classes[i], share) for i, share in sorted(shares.items())],
+                "share of the terrain",
+            ),
             *(path_warnings(config.terrain.path) if areas else ()),
             *said,
         ),

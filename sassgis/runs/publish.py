@@ -315,7 +315,7 @@ def publish_map(
     """
     tell("Writing the maps")
     config, run, planned, progress = done.config, done.run, done.planned, done.progress
-    layers = blocks.layers
+    layers, values = blocks.layers, extras.objects or values_at_objects(done, None, ())
     q95 = {layer.stem: layer.bands[0].values for layer in layers}
     highest = {"speed_mps": q95["speed"], "height_m": q95["passing_height"]}
     warnings = (*extras.warnings, *done.warnings, *motion_warnings(run.blocks, highest))
@@ -330,6 +330,7 @@ def publish_map(
         done=done,
         blocks=blocks,
         extras=extras,
+        exposed=exposed_table(extras.placed, values, extras.levels),
         warnings=warnings,
         facts=facts,
         angles=angles,
@@ -341,7 +342,7 @@ def publish_map(
         for layer in (*extras.layers, *layers, terrain):
             write_raster(layer, run.grid, work / "maps")
         vectors = run_vectors.all_layers(run, planned, progress, layers, extras.parts)
-        vectors += [envelope, *exposed_layers(extras.placed, run.grid.crs)]
+        vectors += [envelope, *exposed_layers(extras.placed, run.grid.crs, values)]
         if paths:
             vectors.append(run_vectors.block_paths(paths, run.grid.crs))
             write_table(work / "tables" / "contacts.csv", [path_contacts(paths)])
@@ -453,6 +454,7 @@ def _write_report(
     done: Simulation,
     blocks: BlockFigures,
     extras: Extras,
+    exposed: ReportTable,
     warnings: Sequence[str],
     facts: Mapping[str, object],
     angles: ReachAngles,
@@ -475,8 +477,6 @@ def _write_report(
         parts=extras.parts,
     )
     give_back_freed()
-    values = extras.objects or values_at_objects(done, None, ())
-    exposed = exposed_table(extras.placed, values, extras.levels)
     lines = run_lines(progress, angles)
     first = () if extras.key_results is None else (context.key_results,)
     drawn, sheets = extras.figures(), extras.sheets()

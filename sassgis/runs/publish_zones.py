@@ -45,6 +45,7 @@ from sassgis.runs.publish import (
 )
 from sassgis.runs.resumable_run import Simulation
 from sassgis.settings.hazard_rules import HazardCurves, HazardPreset
+from sassgis.settings.languages import named, phrase
 from sassgis.settings.map_run import Config
 from sassgis.settings.results import CHANGED_SHARE, RasterLayer
 
@@ -115,6 +116,11 @@ def zone_extras(rules: Rules, found: Assessment, done: Simulation, figures: Path
     edge = edge_words(run, done.progress, hazard.facts.open_limit)
     ground = ground_words(ground_shares(run, done.progress.sums.cells))
     assumed = (("Onset frequencies", onset_words(rules)), ("Ground classes", ground))
+    reused: tuple[tuple[str, str], ...] = ()
+    if done.reused_from is not None:
+        names = ", ".join(done.reused_areas) or phrase("none")
+        text = phrase("{} (from the result {})", names, named(done.reused_from.name))
+        reused = (("Release areas that were not simulated again", text),)
     sheets = partial(
         protection_sheets, run.control_lines, found.without_barriers, hazard.sampled,
         (design, protection, places), assumed, figures, confidence,
@@ -136,7 +142,7 @@ def zone_extras(rules: Rules, found: Assessment, done: Simulation, figures: Path
         tables=zone_tables(
             preset, found, sources, design, return_periods_years=periods, currency=currency
         ),
-        described=zone_facts_of(rules),
+        described=(*zone_facts_of(rules), *reused),
         summary=zone_lines(preset, levels, found, edge, confidence, currency),
         hazard=map_hazard(rules, found),
         contributions=rates_by_source(hazard.sampled),
@@ -156,6 +162,9 @@ def zone_extras(rules: Rules, found: Assessment, done: Simulation, figures: Path
             "uncertain_share": round(hazard.uncertain_share, 4),
             "left_terrain_share": round(done.progress.lost_share, 4),
             "repetitions": run.repetitions,
+            **({} if done.reused_from is None else {
+                "reused_from": done.reused_from.name, "reused_areas": ", ".join(done.reused_areas),
+            }),
         },
         frames=frames,
         warnings=(

@@ -82,6 +82,13 @@ class Simulation:
     seconds: float
     # How a sample depends on the tolerance of the segments; None where that was not asked.
     tolerance: ToleranceCheck | None = None
+    # Folder of the earlier result whose areas in ``progress.reused`` were not simulated again.
+    reused_from: Path | None = None
+
+    @property
+    def reused_areas(self) -> tuple[str, ...]:
+        """Names of these areas."""
+        return tuple(self.run.areas[i].name for i in self.progress.reused)
 
 
 def configured(config: AnyConfig, seed: int | None) -> Config:
@@ -177,6 +184,10 @@ def simulate_job(
         more = None if next_round is None else next_round(run, planned, progress)
         if more is not None:
             progress.rounds = (*progress.rounds, more)
+            areas = (
+                "all release areas, also reused ones" if progress.reused else "all release areas"
+            )
+            tell(f"The target needs further repetitions of {areas}: {more.repetitions}")
         if more is not None or not sums_only or keeps_rows(config):
             # Whatever happens while the result is written, the simulation is not lost.
             checkpoint.save(progress, 0.0 if more is None else SAVE_EVERY_S)

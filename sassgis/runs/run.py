@@ -9,13 +9,16 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from sassgis.errors import ConfigError
-from sassgis.files.atomic_output import staged_output
+from sassgis.errors import ConfigError, InputError
+from sassgis.files.atomic_output import MANIFEST_NAME, staged_output
 from sassgis.files.saved_arrays import saved_digest
 from sassgis.hazard.adaptive_sampling import MoreBlocks, check_budget
 from sassgis.hazard.assess import Assessment, Rules, assess
 from sassgis.hazard.sources import sampled_sources
+from sassgis.inputs.config import as_named
+from sassgis.inputs.result_folder import read_manifest
 from sassgis.inputs.vectors import read_edits, with_earlier
+from sassgis.outputs.manifest import plain
 from sassgis.runs.inputs import (
     collected_notices,
     compared_run,
@@ -38,13 +41,14 @@ from sassgis.runs.resumable_run import (
 )
 from sassgis.runs.variant_lab import DrawnGround, drawn_ground, spread_rules
 from sassgis.settings.languages import in_language, phrase
-from sassgis.settings.map_run import MapRun
+from sassgis.settings.map_run import Config, MapRun
 from sassgis.settings.process import give_back_freed
 from sassgis.settings.results import RasterLayer, StopReason
 from sassgis.settings.statistics_table import bins_of
 from sassgis.simulation.accumulators import Progress
-from sassgis.simulation.reuse import KEPT_NAME, begun_with
+from sassgis.simulation.reuse import KEPT_NAME, OtherInputs, begun_with
 from sassgis.simulation.workers import Jobs, OnProgress, Workers
+from sassgis.studies.result_change import setting_changes
 from sassgis.studies.variants import GroundSpread
 from sassgis.terrain.prepare import Plan
 
@@ -297,9 +301,12 @@ def assessed(rules: Rules, done: Simulation, jobs: int = 1) -> Assessment:
     )  # fmt: skip
 
 
-def _reused(file: Path, tell: Callable[[str], None], run: MapRun) -> Progress:
+def _reused(file: Path, tell: Callable[[str], None], config: Config, run: MapRun) -> Progress:
     """Begin with areas of an earlier result, and state which."""
-    progress = begun_with(file, run)
+    try:
+        progress = begun_with(file, run)
+    except OtherInputs as other:
+        raise _with_values(other, file.parent, config) from None
     of_earlier = [area.name for i, area in enumerate(run.areas) if i in progress.reused]
     again = [area.name for i, area in enumerate(run.areas) if i not in progress.reused]
     tell(
@@ -307,6 +314,25 @@ def _reused(file: Path, tell: Callable[[str], None], run: MapRun) -> Progress:
         f"simulated again: {', '.join(again) or 'none'}"
     )
     return progress
+
+
+def _with_values(other: OtherInputs, earlier: Path, config: Config) -> InputError:
+    """Return the error with the values of the settings that differ, where it is settings."""
+    if not (earlier / MANIFEST_NAME).is_file():
+        return other
+    keys = tuple(f"{key}." for key in (other.field or "").split(", "))
+    changed = [
+        own
+        for own in setting_changes(read_manifest(earlier)["settings"], plain(as_named(config)))
+        if f"{own.name}.".startswith(keys)
+    ]
+    if not changed:
+        return other
+    names, then, now = (", ".join(filter(None, texts)) or "nothing" for texts in zip(
+        *((own.name, own.before, own.after) for own in changed), strict=True
+    ))  # fmt: skip
+    expected = f"{then}, as in the earlier result"
+    return InputError(**other.parts(field=names, found=now, expected=expected))
 
 
 def zone_simulation(
@@ -336,9 +362,9 @@ def zone_simulation(
     if reuse is not None:
         if begin is None:
             raise ConfigError(_NOT_REUSED, file=job.config.file, field="barriers")
-        begin = partial(_reused, reuse / KEPT_NAME, place.tell)
+        begin = partial(_reused, reuse / KEPT_NAME, place.tell, job.config)
         schedule += f" {saved_digest(reuse / KEPT_NAME)}"
     done = simulate_job(
         job, place, next_round=more, schedule=schedule, sums_only=sums_only, begin=begin
     )
-    return replace(done, run=replace(done.run, further_stations=None))
+    return replace(done, run=replace(done.run, further_stations=None), reused_from=reuse)

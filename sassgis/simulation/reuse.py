@@ -66,23 +66,29 @@ def _digests(run: MapRun) -> dict[str, str]:
     }
 
 
+class OtherInputs(InputError):
+    """Raised when more differs than stations and barriers; ``field`` has the keys."""
+
+
 def begun_with(file: Path, run: MapRun) -> Progress:
     """Return the progress with which a run begins that has some areas of an earlier result.
 
-    InputError: there is no such result, or more differs than stations and barriers.
+    InputError: there is no such result. OtherInputs: it is of other inputs.
     """
     said: list[str] = []
     state = read_saved(file, "", said.append)
     if state is None:
         raise InputError(
-            said[0] if said else "there are no sums of release areas to be used again",
+            "the sums of release areas are damaged or of another version" if said
+            else "there are no sums of release areas to be used again",
             file=file, expected="a result of sassgis zone with walls or nets, of this version",
         )  # fmt: skip
     now = _digests(run)
     differ = [_KEYS.get(n, n) for n, digest in now.items() if state[f"digest.{n}"] != digest]
     if differ:
-        raise InputError(
+        raise OtherInputs(
             "the earlier result is of other inputs", file=file, field=", ".join(differ),
+            found="another content",
             expected="the same but for stations, walls, nets and galleries",
         )  # fmt: skip
     digests = [value_digest(own) for own in run.all_lines]

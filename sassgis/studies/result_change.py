@@ -55,9 +55,9 @@ _AT_LINES = {
 }
 #: Of a map, and what results have of all blocks that reach an object.
 _AT_OBJECTS = (
-    (REACH, "reach probability", ""),
-    (ENERGY, "energy (95 % quantile)", "energy_q95_kj"),
-    (HEIGHT, "passing height (95 % quantile)", "height_q95_m"),
+    (REACH, "reach probability, largest of the cells", ""),
+    (ENERGY, "energy (95 % quantile), largest of the cells", "energy_q95_kj"),
+    (HEIGHT, "passing height (95 % quantile), largest of the cells", "height_q95_m"),
     (LEVEL, "hazard level", ""),
 )
 _RISK = {"deaths_per_year": ("deaths", "1/year"), "loss_per_year": ("loss", "{}/year")}
@@ -112,6 +112,8 @@ class ResultChange:
     # Area on which the reach probability changes beyond the sampling of both, of which a twentieth
     # at most is by chance (m²).
     certain_m2: float
+    # Objects with such cells that blocks reach more often, and less often; some may be in both.
+    reached: tuple[tuple[str, ...], tuple[str, ...]] = ((), ())
     notes: tuple[str, ...] = ()  # what a reader must know before comparing numbers
 
     def row(self, part: str, quantity: str, name: str = "") -> ChangeRow:
@@ -128,7 +130,7 @@ class ResultChange:
         """Where more changes than chance does, in words."""
         if not self.certain_m2 > 0.0:
             return phrase("No significant change in reach probability.")
-        text = "Significant changes: {} m²."
+        text = "The reach probability changes significantly in cells of {} m²."
         return phrase(text, thousands(self.certain_m2))
 
     @property
@@ -146,11 +148,13 @@ class ResultChange:
         area = self.row("map", "area reached")
         before, after = map(thousands, (area.before, area.after))
         if area.before:
-            text = "Area that blocks reach: {} m² before, {} m² after ({} %)."
+            text = "Area of the cells that blocks reach: {} m² before, {} m² after ({} %)."
             share = 100.0 * (area.after / area.before - 1.0)
             yield phrase(text, before, after, _signed(f"{share:+.0f}"))
         else:
-            yield phrase("Area that blocks reach: {} m² before, {} m² after.", before, after)
+            yield phrase(
+                "Area of the cells that blocks reach: {} m² before, {} m² after.", before, after
+            )
         reach = self.row("map", REACH_MEAN).change
         if math.isfinite(reach):
             text = "Reach probability, mean change over these cells: {} percentage points."
@@ -160,23 +164,35 @@ class ResultChange:
             text = "Energy (95 % quantile), mean change over the cells reached by both: {} kJ."
             yield phrase(text, _signed(f"{energy:+.3g}"))
         if math.isfinite(self.higher_m2):
-            text = "Hazard level: higher on {} m², lower on {} m²."
+            text = "Hazard level of cells, before zones are drawn: higher on {} m², lower on {} m²."
             yield phrase(text, thousands(self.higher_m2), thousands(self.lower_m2))
+        texts = (
+            "Significantly more blocks reach at least a part of: {}.",
+            "Significantly fewer blocks reach at least a part of: {}.",
+        )
+        for text, names in zip(texts, self.reached, strict=True):
+            if names:
+                yield phrase(text, ", ".join(names))
 
     def _object_lines(self) -> Iterator[str]:
-        text = (
-            "{}: energy (95 % quantile) {} before, {} after; reach probability {} % before, "
-            "{} % after."
-        )
+        text = "{}: {} {} before, {} after; {} {} % before, {} % after."
+        (_, reach_name, _), (_, largest, _), *_ = _AT_OBJECTS
         for name in dict.fromkeys(r.name for r in self.of("object")):
-            energy = self.row("object", "energy (95 % quantile)", name)
-            reach = self.row("object", "reach probability", name)
+            own = {r.quantity: r for r in self.of("object") if r.name == name}
+            energy = own.get(_of_all(largest)) or own[largest]
+            reach = own[reach_name]
             before, after = (
                 phrase("{} kJ{}", thousands(value), limits_text(limits, thousands))
                 for value, limits in zip((energy.before, energy.after), energy.limits, strict=True)
             )
             shares = (short(100.0 * value) for value in (reach.before, reach.after))
-            yield phrase(text, name, before, after, *shares)
+            before_after = (phrase(energy.quantity), before, after)
+            yield phrase(text, name, *before_after, phrase(reach.quantity), *shares)
+
+
+def _of_all(quantity: str) -> str:
+    """Return the name of a value of an object that is one of all blocks that reach it."""
+    return quantity.removesuffix(", largest of the cells")
 
 
 def _signed(text: str) -> str:
@@ -261,9 +277,10 @@ def result_change(
         *_control_line_rows(both),
         *_object_rows(both, maps if why else (*maps, LEVEL), *objects),
     )
+    certain = _certain(both)
     return ResultChange(
         rows, tuple(_differences(before.manifest, after.manifest)), higher, lower,
-        certain_m2=float(_certain(both).sum() * cell_m2),
+        certain_m2=float(certain.sum() * cell_m2), reached=_reached(both, certain, *objects),
         notes=(*notes, *([why] if why and one_has_levels else [])),
     )  # fmt: skip
 
@@ -281,6 +298,15 @@ def _certain(both: _Both) -> np.ndarray:
         return SampledRates(reach, variance, 1.0 / max(result.blocks, 1), result.freedom)
 
     return beyond_sampling(*map(shares, both))
+
+
+def _reached(
+    both: _Both, certain: np.ndarray, names: Sequence[str], cells: IntArray, owner: IntArray
+) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    """Return objects with a cell that is certainly reached more often, and less often."""
+    change = np.where(certain, difference(*(r.band(*REACH[:2]).ravel() for r in both)), 0.0)[cells]
+    more, fewer = (np.unique(owner[sign * change > 0.0]).tolist() for sign in (1.0, -1.0))
+    return tuple(names[i] for i in more), tuple(names[i] for i in fewer)
 
 
 def _map_rows(both: _Both, maps: Sequence[ComparedMap]) -> Iterator[ChangeRow]:
@@ -350,7 +376,8 @@ def _object_rows(
                 (one, *first), (two, *second) = (pooled or () for pooled in found)
                 largest = [float(np.nan_to_num(v)) for v in (one, two)]
                 limits = tuple(first), tuple(second)
-            yield ChangeRow("object", name, quantity, unit, *largest, limits=limits)
+            shown_as = _of_all(quantity) if all(found) else quantity
+            yield ChangeRow("object", name, shown_as, unit, *largest, limits=limits)
         risks = [r.risk.get(name) for r in both]
         for column, (quantity, unit) in _RISK.items() if any(risks) else ():
             sums = (math.nan if r is None else r[column] for r in risks)
@@ -375,6 +402,18 @@ def _differences(before: Mapping[str, Any], after: Mapping[str, Any]) -> Iterato
             if one != two and not _same_file(one, two):
                 shown = name.partition(":")[0] if kind == "input" else name
                 yield SettingChange(kind, shown, _text(one), _text(two))
+
+
+def setting_changes(
+    before: Mapping[str, Any], after: Mapping[str, Any]
+) -> tuple[SettingChange, ...]:
+    """Return settings that are not equal, by dotted key; files are equal if they have one name."""
+    old, new = dict(_flat(before)), dict(_flat(after))
+    return tuple(
+        SettingChange("setting", name, _text(old.get(name)), _text(new.get(name)))
+        for name in sorted({*old, *new})
+        if old.get(name) != new.get(name) and not _same_file(old.get(name), new.get(name))
+    )
 
 
 def _facts(manifest: Mapping[str, Any]) -> dict[str, dict[str, Any]]:

@@ -45,7 +45,7 @@ class StoredResult:
     # ``deaths_per_year`` and ``loss_per_year`` of each object, roads as a whole.
     risk: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
     # ``energy_q95_kj`` and ``height_q95_m`` of the blocks at each object: value, and low and high
-    # limit by the sampling; of roads those of the stretch with the largest value.
+    # limit by the sampling; of roads those of the stretch with the most energy.
     values: Mapping[str, Mapping[str, tuple[float, ...]]] = field(default_factory=dict)
 
     @property

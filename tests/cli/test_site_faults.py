@@ -26,11 +26,12 @@ def test_commands_without_a_configuration_ask_for_their_option(
 
 
 def test_a_wrong_system_is_overridden_by_option_and_by_setting(
-    slope: Slope, printed, refusal
+    slope: Slope, call, printed, refusal
 ) -> None:
     slope.write_dem(heights(), crs="EPSG:4326")
     dem, site = slope.folder / "dem.tif", slope.folder / "site.gpkg"
-    out = printed("dem", "check", dem)
+    code, out, _ = call("dem", "check", dem)
+    assert code == 1
     assert "--crs with --override-crs" in out
     # Nothing is said of cells of hundreds of kilometres.
     assert "cells of 2 x 2 m" in out and "taken as metres" in out and "e+" not in out
@@ -84,7 +85,8 @@ def test_a_broken_prj_is_named(slope: Slope, call, printed) -> None:
         f"ncols 70\nnrows {ROWS}\nxllcorner 2700000\nyllcorner 1149900\ncellsize 2\n{rows}\n"
     )
     (slope.folder / "plain.prj").write_text("GARBAGE[")
-    out = printed("dem", "check", slope.folder / "plain.asc")
+    code, out, _ = call("dem", "check", slope.folder / "plain.asc")
+    assert code == 1
     assert "plain.prj, which states none that is understood" in out
 
 
@@ -154,9 +156,10 @@ def test_wrong_columns_of_a_survey_are_not_offered_again(slope: Slope, refusal) 
     assert "missing column (found volume, who; expected volume_m3, or from_m3" in err
 
 
-def test_a_map_of_zones_is_no_terrain(slope: Slope, printed) -> None:
+def test_a_map_of_zones_is_no_terrain(slope: Slope, call) -> None:
     slope.write_dem(np.repeat([0.0, 1.0, 2.0, 4.0, 4.0], ROWS // 5)[:, None] * np.ones((1, 70)))
-    out = printed("dem", "check", slope.folder / "dem.tif")
+    code, out, _ = call("dem", "check", slope.folder / "dem.tif")
+    assert code == 1
     assert "a map of classes, such as zones" in out and "hillshade" not in out
 
 

@@ -222,3 +222,11 @@ def test_a_file_that_may_not_grow(tmp_path: Path, what: str) -> None:
     assert not target.exists()
     assert names(partial_folder(target)) == {MARKER_NAME, "checkpoint"}
     assert (partial_folder(target) / "checkpoint").read_text() == "computed"
+
+
+def test_a_folder_that_cannot_be_made_is_named_as_given(tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("")
+    target = tmp_path / "file" / "out"
+    with pytest.raises(OutputError) as refused, staged_output(target, overwrite=False):
+        pass
+    assert str(refused.value).startswith(f"{target}: cannot be written: ")

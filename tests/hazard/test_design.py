@@ -185,6 +185,9 @@ def test_table_of_protection_by_hand() -> None:
     assert often["energy_kj"] == pytest.approx(50.0, rel=0.06)
     assert rare["energy_kj"] == pytest.approx(90.0, rel=0.06)
     assert rare["net_class"] == "0" and often["energy_kj_low"] < 50.0 < often["energy_kj_high"]
+    wall = replace(NET, kind="wall")
+    of_wall = protection_table([wall], sampled(before), sampled(after), (10.0,), 2700.0).iloc[0]
+    assert (of_wall["net_class"], of_wall["net_class_high"]) == ("", "")
     # A sphere of a cubic metre on top of 5 m.
     assert rare["block_m"] == pytest.approx(1.24, abs=0.01)
     assert rare["net_height_m"] == pytest.approx(6.24, abs=0.12)

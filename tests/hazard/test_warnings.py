@@ -63,7 +63,9 @@ def test_classes_are_named_by_how_far_they_may_be_trusted() -> None:
     paper = replace(own, name="three", trust="paper")
     used = [(replace(own, name="one"), 0.25), (paper, 0.5), (replace(own, name="two"), 0.25)]
     (text,) = ground_warnings(used)
-    assert text.endswith("Estimated ground classes (share of the ground): one 25 %, two 25 %.")
+    assert text.endswith(": one 25 %, two 25 %.")
+    # A check before a run does not know what blocks reach.
+    assert ground_warnings(used)[0] != ground_warnings(used, "share of the terrain")[0]
     (text,) = ground_warnings([(replace(own, trust="fitted"), 1.0)])
     assert "fitted to field sites" in text
     assert not ground_warnings([(paper, 1.0)])
@@ -110,7 +112,8 @@ def test_what_stays_uncertain_is_told_beyond_the_limit_only() -> None:
 def test_zones_beyond_the_assessed_area_are_told() -> None:
     zone, half = shapely.box(0, 0, 10, 10), shapely.box(0, 0, 5, 10)
     assert assessed_warnings([zone], (half,)) == [
-        "50 m² of the zones (50 %) lie outside the area of hazard.assessed."
+        "50 m² of the zones (50 %) lie outside the area of hazard.assessed. The layers of the "
+        "federal model are cut there; hazard_zones are not."
     ]
     assert not assessed_warnings([zone], ()) and not assessed_warnings([half], (zone,))
 

@@ -28,7 +28,7 @@ from sassgis.report.map_page import (
     largest_shares,
     strongest_cells,
 )
-from sassgis.report.protection_page import best_places
+from sassgis.report.protection_page import best_words
 from sassgis.runs.run import ZoneResult
 from sassgis.settings.languages import in_language, translated
 from sassgis.settings.results import CONTACT_DTYPE, StopReason
@@ -450,6 +450,10 @@ def test_best_place_is_where_enough_blocks_come() -> None:
     ]  # fmt: skip
     places = pd.DataFrame(rows, columns=columns, dtype=float)
     places["above_objects"] = places["moved_m"] < 40.0
-    best = best_places(places)
-    assert best is not None and [row["moved_m"] for row in best] == [-20.0, 20.0]
-    assert best_places(places[places["moved_m"] == 0.0]) is None
+    said = str(best_words(places))
+    assert "lowest 20 m upslope: 80 kJ (as drawn 90 kJ)" in said
+    assert "lowest 20 m downslope: 1 m (as drawn 3 m)" in said
+    # What an exposed object above them excludes is told.
+    assert "further down (20 kJ) do not count" in said
+    assert "further down" not in str(best_words(places[places["above_objects"]]))
+    assert best_words(places[places["moved_m"] == 0.0]) is None

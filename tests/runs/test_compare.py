@@ -120,7 +120,7 @@ def test_the_wall_is_what_differs(compared: Path) -> None:
     numbers_ = numbers(compared)
     share = numbers_.loc[("control line", "foot", "share of blocks that arrive")]
     assert share["before"] > 0.5 and share["after"] == 0.0
-    reach = numbers_.loc[("object", "left", "reach probability")]
+    reach = numbers_.loc[("object", "left", "reach probability, largest of the cells")]
     assert reach["before"] > 0.0 and reach["after"] == 0.0
     assert numbers_.loc[("object", "left", "loss"), "unit"] == "CHF/year"
     assert numbers_.loc[("object", "left", "deaths"), "change"] < 0.0
@@ -136,14 +136,17 @@ def test_a_line_counts_as_a_whole(results: Any, compared: Path) -> None:
         stretches = rows[rows["part_of"] == "pipe"]
         assert len(stretches) == 5
         energy = table.loc[("object", "pipe", "energy (95 % quantile)"), when]
-        assert energy == pytest.approx(stretches["energy_q95_kj"].fillna(0.0).max(), rel=1e-3)
+        # The stretch of the report: that with the most energy once in the longest period.
+        worst = stretches.loc[stretches["energy_300y_kj"].fillna(-1.0).idxmax()]
+        assert energy == pytest.approx(np.nan_to_num(worst["energy_q95_kj"]), rel=1e-3)
         stated = table.loc[("object", "pipe", "loss"), when]
         assert stated == pytest.approx(stretches["loss_per_year"].sum(), rel=1e-5)
         reach = bands(result / "maps" / "reach_probability.tif")["reach"]
         # The line runs along the border of two columns of cells.
         largest = np.nan_to_num(reach[10:60, 59:61]).max()
-        assert table.loc[("object", "pipe", "reach probability"), when] <= largest + 1e-6
-    assert table.loc[("object", "pipe", "reach probability"), "before"] > 0.0
+        reach_of = ("object", "pipe", "reach probability, largest of the cells")
+        assert table.loc[reach_of, when] <= largest + 1e-6
+    assert table.loc[reach_of, "before"] > 0.0
 
 
 def test_the_report_says_first_what_changed(compared: Path) -> None:
@@ -152,7 +155,7 @@ def test_the_report_says_first_what_changed(compared: Path) -> None:
     words = " ".join(words.split())
     order = [
         words.index(w)
-        for w in ("Abbildung 1", "Fläche, die Blöcke erreichen", "Wie sicher das ist")
+        for w in ("Abbildung 1", "Fläche der Zellen, die Blöcke erreichen", "Wie sicher das ist")
     ]
     assert order == sorted(order)
     assert "barriers.wall.height_m" in words
@@ -253,3 +256,14 @@ def test_qgis_opens_the_comparison(compared: Path, tmp_path: Path, qgis: None) -
     classes = by_name["Änderung der Gefahrenzonen"]["renderer"]["classes"]
     assert {"lower", "same", "higher"} <= {c["value"] for c in classes}
     assert seen["blank_share"] < 0.9
+
+
+def test_a_moved_line_is_named(results: Any, tmp_path: Path, call) -> None:
+    moved = tmp_path / "moved"
+    shutil.copytree(results[1], moved)
+    stations = gpd.read_file(moved / "result.gpkg", layer="stations")
+    stations.geometry = stations.geometry.translate(1.0)
+    stations.to_file(moved / "result.gpkg", layer="stations")
+    _, _, err = call("compare", results[1], moved, "-o", tmp_path / "out")
+    assert "loads are those of two places: foot" in err
+    assert "two places" not in call("compare", *results, "-o", tmp_path / "same")[2]

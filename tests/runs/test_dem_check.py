@@ -151,15 +151,17 @@ def test_numbers_and_places_are_right(tmp_path: Path) -> None:
     assert WEST + 100.0 < pond["x"] < WEST + 122.0
 
 
-def test_the_page_as_text_json_and_html(tmp_path: Path, printed, refusal) -> None:
+def test_the_page_as_text_json_and_html(tmp_path: Path, call, refusal) -> None:
     file = write(tmp_path / "dem.tif", np.rint(hills()))
-    out = printed("dem", "check", file, "--html", tmp_path / "page.html")
+    code, out, err = call("dem", "check", file, "--html", tmp_path / "page.html")
+    # Terrain that cannot be used is a fault to a script.
+    assert code == 1 and not err
     first, *rest = out.splitlines()
     assert first == f"{file}: bad: terraces"
     assert any(line.startswith("bad   terraces") and "multiples of 1 m" in line for line in rest)
     page = (tmp_path / "page.html").read_text()
     assert "Terrain model dem.tif" in page and "multiples of 1 m" in page
-    findings = json.loads(printed("dem", "check", file, "--json"))["findings"]
+    findings = json.loads(call("dem", "check", file, "--json")[1])["findings"]
     terraces = next(f for f in findings if f["item"] == "terraces")
     assert terraces["numbers"]["step_m"] == 1.0
     # A step of 1 m over two cells of 2 m.
@@ -204,6 +206,7 @@ def test_a_good_model_has_no_cells_to_show(tmp_path: Path, printed) -> None:
     assert gpd.read_file(layer, layer="dem_defects").empty
 
 
-def test_what_is_missing_is_a_whole_sentence(tmp_path: Path, printed) -> None:
-    said = printed("dem", "check", write(tmp_path / "dem.tif", hills(), crs=None))
+def test_what_is_missing_is_a_whole_sentence(tmp_path: Path, call) -> None:
+    code, said, _ = call("dem", "check", write(tmp_path / "dem.tif", hills(), crs=None))
+    assert code == 1
     assert 'expected its system as --crs, such as "EPSG:2056" (or "local")' in said

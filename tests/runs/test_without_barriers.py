@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -204,10 +205,16 @@ def test_only_areas_near_a_changed_barrier_are_simulated_again(tmp_path: Path) -
 
 def test_a_result_that_cannot_be_used_again_is_refused(tmp_path: Path) -> None:
     config = _zone_case(tmp_path, _net("north", 14.0, 22.0))
-    _simulated(config, tmp_path / "first", [])
+    zone(config, tmp_path / "first", jobs=1)
     again = partial(zone, out=tmp_path / "again", jobs=1, reuse=tmp_path / "first")
-    with pytest.raises(InputError, match=r"run\.seed: the earlier result is of other inputs"):
+    said = r"run\.seed: the earlier result is of other inputs \(found 7; expected 5, as in the"
+    with pytest.raises(InputError, match=said):
         again(config, seed=7)
+    again(config)
+    manifest = json.loads((tmp_path / "again" / "manifest.json").read_text())["settings"]["zoning"]
+    assert (manifest["reused_from"], manifest["reused_areas"]) == ("first", "north, south")
+    assert "north, south (from the result first)" in (tmp_path / "again/report.html").read_text()
+    again = partial(again, out=tmp_path / "other")
     (tmp_path / "first" / KEPT_NAME).unlink()
     with pytest.raises(InputError, match="no sums of release areas"):
         again(config)

@@ -155,15 +155,17 @@ def test_objects_have_the_largest_values_and_the_risk() -> None:
     two = replace(two, risk={"house": {"deaths_per_year": 1e-4, "loss_per_year": 3.0}})
     cells = np.array([8 + 2, 8 + 4, 0])
     found = result_change(one, two, (("road", "house"), cells, np.array([0, 0, 1])))
-    reach = found.row("object", "reach probability", "road")
+    reach = found.row("object", "reach probability, largest of the cells", "road")
     assert (reach.before, reach.after) == (0.5, 0.25)
     level = found.row("object", "hazard level", "road")
     assert (level.before, level.after) == (2.0, 1.0)
-    nowhere = found.row("object", "reach probability", "house")
+    nowhere = found.row("object", "reach probability, largest of the cells", "house")
     assert (nowhere.before, nowhere.after) == (0.0, 0.0)
     deaths = found.row("object", "deaths", "house")
     assert np.isnan(deaths.before) and deaths.after == 1e-4 and deaths.unit == "1/year"
-    assert found.lines()[-2].startswith("road: energy (95 % quantile) 500 kJ before, 250 kJ after")
+    wanted = "road: energy (95 % quantile), largest of the cells 500 kJ before, 250 kJ after"
+    assert found.lines()[-2].startswith(wanted)
+    assert found.reached == (("road",), ("road",))  # in different cells
 
 
 # --- levels that cannot be compared ---------------------------------------------------------

@@ -384,8 +384,11 @@ def _place(gap: ModelGap, gaps: Sequence[ModelGap]) -> Phrase:
         first -= 1
     while last + 1 < len(along) and alike[last + 1]:
         last += 1
+    if first == last:
+        return phrase("at {}", gap.place)
     ends = along[first].place, along[last].place
-    return phrase("at {}", gap.place) if first == last else phrase("between {} and {}", *ends)
+    # Nothing above the uppermost station says where the gap begins.
+    return phrase("from {} to {}" if first else "at {} already, and down to {},", *ends)
 
 
 def _no_difference(gap: ModelGap, advice: Advice) -> Phrase:

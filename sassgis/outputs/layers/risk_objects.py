@@ -60,22 +60,36 @@ _SE = "upper bound of the sampling error; none of the model or of the onset freq
 _LIMITS = "from the sampling of blocks only, without errors of the model or the onset frequency"
 
 
-def exposed_layers(placed: PlacedObjects, crs: str) -> list[VectorLayer]:
-    """Return layers of areas, lines and points that have objects; a road is one object."""
+def exposed_layers(
+    placed: PlacedObjects, crs: str, values: ObjectValues | None = None
+) -> list[VectorLayer]:
+    """Return layers of areas, lines and points that have objects; a road is one object.
+
+    With ``values`` they have those of all blocks that reach the object; a road has those of its
+    stretch with the most energy.
+    """
     whole = {"name": [t.whole for t in placed.objects], "kind": [t.kind for t in placed.objects]}
     frame = gpd.GeoDataFrame(whole, geometry=list(placed.geometries), crs=crs or None)
     frame = frame.dissolve(["name", "kind"], sort=False).reset_index()[["name", "kind", "geometry"]]
     # A name is written along a whole road, which its stretches are too short for.
     stretches = frame.geom_type == "MultiLineString"
     frame.geometry = frame.geometry.where(~stretches, frame.geometry.line_merge())
+    shown, stretches = ["name", "kind"], list[int]()
+    if values is not None:
+        stretches = [values.stretch_of(placed.wholes[name]) for name in frame["name"]]
+    for name, estimate in value_columns(values).items():
+        for column, numbers in estimate.columns(name).items():
+            frame[column] = [rounded(v, 4) for v in numbers[stretches].tolist()]
+            shown.append(column)
     dimension = shapely.get_dimensions(frame.geometry.to_numpy())
-    layers = []
+    fields, layers = _value_fields(values), []
     for name, symbol in _EXPOSED.items():
         own = frame[dimension == _DIMENSION[symbol.kind]]
         if len(own):
             style = VectorStyle(symbol, label_column="name")
-            columns = own[["name", "kind"]].reset_index(drop=True)
-            layers.append(described_layer(name, columns, list(own.geometry), crs, style))
+            columns = own[shown].reset_index(drop=True)
+            shapes = list(own.geometry)
+            layers.append(described_layer(name, columns, shapes, crs, style, fields=fields))
     return layers
 
 

@@ -15,6 +15,7 @@ from pathlib import Path
 
 os.environ.setdefault("QT_QPA_PLATFORM", "offscreen")
 
+from osgeo import gdal  # type: ignore[import-not-found]
 from qgis.core import (  # type: ignore[import-not-found]
     QgsApplication,
     QgsLayoutExporter,
@@ -42,7 +43,12 @@ def export(project_file: str, folder: Path, wanted: str, suffix: str, dpi: float
         else:
             settings, printed = QgsLayoutExporter.ImageExportSettings(), exporter.exportToImage
         settings.dpi = dpi
-        if printed(str(target), settings) != QgsLayoutExporter.Success:
+        # QGIS writes a georeference, too, of which GDAL complains for a PNG; QGIS has its own
+        # messages.
+        gdal.PushErrorHandler("CPLQuietErrorHandler")
+        done = printed(str(target), settings)
+        gdal.PopErrorHandler()
+        if done != QgsLayoutExporter.Success:
             raise SystemExit(f"{target}: cannot be written ({exporter.errorMessage()})")
         sys.stdout.write(f"{target}\n")
         # The exporter must go before its layout does.

@@ -356,8 +356,7 @@ def federal_layers(
     complete = {}
     if rules.assessed:
         # Only what somebody draws and vouches for is complete.
-        within = within_terrain(rules.assessed, grid)
-        assessed = np.array([shapely.union_all(list(within))], np.object_)
+        assessed = np.array(within_terrain(rules.assessed, grid), np.object_)
         complete = {"rf_state_rock_fall": "assessed_and_complete"}
     along = "a path for each block" if config.terrain.path == "followed" else "fall lines"
     method = (
@@ -392,11 +391,29 @@ def federal_layers(
         ],
         "assessment_area": [(polygon, complete) for polygon in assessed],
     }
+    if rules.assessed:
+        # Outside nothing was assessed in detail; an indication goes beyond.
+        within = shapely.union_all(assessed)
+        beyond = shapely.union_all(reached).difference(within)
+        rows["indicative_hazard_area"] = [
+            (part, {**values, "hazard_area_existing": inside})
+            for inside, area in ((True, within), (False, beyond))
+            for part, values in _cut(rows["indicative_hazard_area"], area)
+        ]
+        for name in ("hazard_area", "synoptic_intensity", "intensity_by_source"):
+            rows[name] = _cut(rows[name], within)
     if not by_area:
         del rows["intensity_by_source"]
     where: dict[str, Any] = {"crs": crs, "federal": claims, "canton": config.hazard.canton}
     legends = dict.fromkeys(rows, preset.intensities) | {"hazard_area": preset.levels}
     return [federal_layer(name, own, legend=legends[name], **where) for name, own in rows.items()]
+
+
+def _cut(rows: Sequence[Row], area: Any) -> list[Row]:
+    """Return rows with the parts of their polygons in an area; those without any are left out."""
+    cut = ((shapely.get_parts(polygon.intersection(area)), values) for polygon, values in rows)
+    polygons = (([p for p in parts if p.geom_type == "Polygon"], own) for parts, own in cut)
+    return [(shapely.MultiPolygon(parts), own) for parts, own in polygons if parts]
 
 
 def _comments(hazard: Hazard) -> list[str | None]:

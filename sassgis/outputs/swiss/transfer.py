@@ -246,12 +246,14 @@ def export_xtf(
         )
     if canton is not None and canton not in get_args(Canton):
         codes = ", ".join(get_args(Canton))
-        raise ConfigError("is no code of a canton", field="canton", found=canton, expected=codes)
+        raise ConfigError("is no code of a canton", field="--canton", found=canton, expected=codes)
     check_is_result(result_folder)
     package = result_folder / PACKAGE_NAME
     if not package.is_file():
-        expected = f"{PACKAGE_NAME} in it, which a run of hazard zones writes"
-        raise InputError("this result has no hazard zones", file=result_folder, expected=expected)
+        raise InputError(
+            "this result has no hazard zones", file=result_folder, found=f"no {PACKAGE_NAME}",
+            expected="a result of sassgis zone",
+        )  # fmt: skip
     if models is not None:
         check_validator(models)
     objects = {
@@ -280,6 +282,12 @@ def _objects(file: Path, kind: federal_model.FederalClass, canton: str | None) -
         given[federal_model.RESPONSIBILITY] = (
             federal_model.plain(given[federal_model.RESPONSIBILITY]) or canton
         )
+        if given[federal_model.RESPONSIBILITY] is None:
+            raise InputError(
+                f"{where}: value is missing", file=file, found="nothing",
+                field=f"{kind.name}.{federal_model.RESPONSIBILITY}",
+                expected="code of a canton there, or --canton TI for all",
+            )  # fmt: skip
         values = federal_model.checked_values(kind, given, where, file=file)
         texts = {a.name: text for a in kind.attributes if (text := _text(a, values[a.name]))}
         for polygon in federal_model.surface_parts(

@@ -153,9 +153,12 @@ def test_stations_that_are_off_alike_are_one_place() -> None:
     made = replace(advice("ground"), configured=alike[1], compared=alike)
     said = first_sentence(made, RUNGS, NOTHING)
     assert said.startswith(
-        "Between S2 and S3 simulated energies are 40 % too high, on the safe side (median at S2 "
+        "From S2 to S3 simulated energies are 40 % too high, on the safe side (median at S2 "
         "differs by 40 kJ, 95 % interval 35 to 45 kJ); with calibrated ground"
     )
+    # Above the uppermost station nothing was measured: the gap begins above it.
+    first = replace(made, configured=alike[1], compared=alike[1:])
+    assert first_sentence(first, RUNGS, NOTHING).startswith("At S2 already, and down to S3, sim")
     alone = replace(made, configured=alike[4])
     assert first_sentence(alone, RUNGS, NOTHING).startswith("At S5 simulated energies are 30 %")
 

@@ -820,3 +820,11 @@ def test_a_height_taken_from_the_terrain_is_as_wrong_as_the_place_makes_it(folde
         )
         read = read_observations(path, slope)
         assert bool(np.isfinite(read.impacts.vt_in_mps[0])) is kept
+
+
+def test_a_table_without_its_names_is_left_out_as_a_whole(tmp_path):
+    (tmp_path / "rocks.csv").write_text("x,y,mass_kg\n1,2,300\n", encoding="utf-8")
+    (tmp_path / "deposits.csv").write_text("rock_id,x,y\nR1,1,2\n", encoding="utf-8")
+    (finding,) = [f for f in read_observations(tmp_path).findings if f.left_out]
+    line = str(finding)
+    assert "rocks.csv" in line and "(found x, y, mass_kg; expected rock_id); table left" in line

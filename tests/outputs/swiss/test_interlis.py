@@ -239,7 +239,7 @@ def test_the_canton_may_be_given_later(make_result: Callable[..., Path], tmp_pat
     folder = make_result(canton=None)
     with pytest.raises(InputError, match=r"data_responsibility.*missing"):
         export_xtf(folder, tmp_path / "a.xtf")
-    with pytest.raises(ConfigError, match=r"canton: is no code of a canton \(found Ticino"):
+    with pytest.raises(ConfigError, match=r"--canton: is no code of a canton \(found Ticino"):
         export_xtf(folder, tmp_path / "a.xtf", canton="Ticino")
     export_xtf(folder, tmp_path / "a.xtf", canton="TI")
     assert (tmp_path / "a.xtf").read_text().count("<data_responsibility>TI<") == 12
