@@ -158,9 +158,14 @@ def _is_behind(crossings: CountedRows, met: Meeting, crossing: Record) -> bool:
 
 @lean
 def _met_too(met: Meeting, line: int, when: float, outcome: int, left: float) -> Meeting:
-    """Add one more control line at the same place, and the share of the speed that remains."""
+    """Add one more control line at the same place, and the share of the speed that remains.
+
+    A block that breaks through a net at the edge of a roof lands on that roof all the same.
+    """
     if outcome in (PASSED, OVERTOPPED):
         return met
+    if met.outcome == ON_ROOF and outcome == BROKE_THROUGH:
+        return Meeting(met.line, when, ON_ROOF, met.speed_left * left)
     return Meeting(line, when, outcome, met.speed_left * left)
 
 

@@ -6,6 +6,7 @@ import math
 
 from sassgis.compiled.jit import fused, inlined, lean
 from sassgis.engine.barriers import (
+    ON_ROOF,
     after_barrier,
     control_lines_in_flight,
     no_meeting,
@@ -93,7 +94,8 @@ def _advance(
 def _over_roof(state: Record, block: Block, site: Site, output: Output, physics: Physics) -> None:
     """Move a block over the roof of a gallery to its lower edge, or to where the ground ends."""
     state.phase = ROLLING
-    log_event(output.log, state, state.vx, state.vz)
+    speed = math.hypot(state.vx, state.vz)
+    log_event(output.log, state, state.vx / speed, state.vz / speed)
     state.phase = FLIGHT
     to_end = _time_to_end(state, block, site.profile)
     until = min((state.roof_end - state.x) / state.vx, to_end)
@@ -103,7 +105,7 @@ def _over_roof(state: Record, block: Block, site: Site, output: Output, physics:
     state.lines_from = state.x
     state.furthest = max(state.furthest, state.x)
     if until < to_end:
-        leave_roof(state, block, site)
+        leave_roof(state, block, site, physics)
     elif state.open:
         same_event(state, physics)
     else:
@@ -167,8 +169,9 @@ def flight(
         height = passing_height(block, site, crossing, state.segment, state.z)
         after_barrier(state, block, site, physics, barrier, height)
         if state.phase != FLIGHT:
-            # It drops to the foot of the wall.
-            state.z = min(state.z, crossing.z + block.b)
+            # It drops to the foot of the wall, or lies on the roof.
+            top = crossing.height if barrier.outcome == ON_ROOF else 0.0
+            state.z = min(state.z, crossing.z + top + block.b)
     elif contact.segment < 0:
         if state.open:
             same_event(state, physics)

@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from sassgis.compiled.jit import lean
+from sassgis.compiled.jit import inlined, lean
 from sassgis.engine.contact import resting_height
 from sassgis.engine.ellipse import Record
 from sassgis.engine.profile import segment_at
@@ -63,10 +63,11 @@ def move_over_roof(
     slope = crossing.slope
     cosine = 1.0 / math.hypot(1.0, slope)
     landing = roof_landing(above, state.vx, state.vz, slope, g)
-    share = 1.0 if physics.point else block.roll_share
+    share = _roll_share(block, physics)
     speed = (landing.along + (share - 1.0) * block.roll_radius * state.omega) / share
     length = (crossing.width - landing.distance) / cosine
-    left2 = speed * speed + 2.0 * g * cosine * (slope - _FRICTION * block.drag) * length
+    braked = 2.0 * g * cosine * _FRICTION * block.drag * length
+    left2 = speed * speed + 2.0 * g * cosine * slope * length - braked
     if speed <= 0.0 or left2 <= 0.0:
         end(state, BARRIER)
         return
@@ -79,19 +80,39 @@ def move_over_roof(
     duration = landing.distance / state.vx + 2.0 * length / (speed + leaves)
     state.vx = crossing.width / duration
     state.vz = -slope * state.vx
-    state.omega = 0.0 if physics.point else leaves / block.roll_radius
+    state.omega = 0.0
+    if not physics.point:
+        # Friction can turn the block no faster than its work allows.
+        spin2 = min(left2, speed * speed + braked / (share - 1.0))
+        state.omega = math.sqrt(spin2) / block.roll_radius
+
+
+@inlined
+def _roll_share(block: Block, physics: Physics) -> float:
+    """Return the kinetic energy on a roof over that of the translation: points do not turn."""
+    return 1.0 if physics.point else block.roll_share
 
 
 @lean
-def leave_roof(state: Record, block: Block, site: Site) -> None:
-    """Let a block fly from the lower edge of a roof; where that lies in the ground, from there."""
+def leave_roof(state: Record, block: Block, site: Site, physics: Physics) -> None:
+    """Let a block fly from the lower edge of a roof.
+
+    Where that lies in the ground, the block has risen to the ground, or ends.
+    """
     profile = site.profile
     state.segment = segment_at(profile, state.x, state.segment)
     lies = resting_height(state.x, state.theta, block.a, block.b, profile, state.segment)
     state.z = max(state.roof_z, lies)
-    state.vx = state.roof_vx
-    state.vz = state.roof_vz
     state.roof_end = -np.inf
+    twice = _roll_share(block, physics) * (state.roof_vx**2 + state.roof_vz**2)
+    left2 = 1.0 - 2.0 * physics.gravity * (state.z - state.roof_z) / twice
+    if left2 <= 0.0:
+        end(state, BARRIER)
+        return
+    left = math.sqrt(left2)
+    state.vx = left * state.roof_vx
+    state.vz = left * state.roof_vz
+    state.omega *= left
 
 
 @cache

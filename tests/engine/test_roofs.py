@@ -129,6 +129,49 @@ def test_a_block_that_slides_onto_a_roof_leaves_it_by_hand() -> None:
     assert (ends["reason"], ends["runout_m"], len(passages)) == (lab.BARRIER, 30.0, 1)
 
 
+def test_a_block_that_ends_on_a_roof_lies_on_it() -> None:
+    roof = replace(GALLERY, height_m=3.0, width_m=30.0, roof_slope_deg=0.0)
+    found = past(
+        roof, line=lab.slope((300, 40)), blocks=lab.sphere(0.5, drop_m=(8, 8), speed_mps=(8, 8)),
+        n=1, start=25.0, at=30.0,
+    )  # fmt: skip
+    edge = 500.0 - 30.0 * math.tan(math.radians(40.0)) + 3.0
+    assert found.rocks["runout_m"][0] == 30.0
+    assert found.rocks["runout_z_m"][0] == pytest.approx(edge + 0.5)
+
+
+def test_a_block_pays_for_its_rise_where_a_roof_ends_in_the_ground() -> None:
+    """Without friction on the way the energy would be that of its height on the line."""
+    steep = replace(GALLERY, height_m=0.0, width_m=20.0, roof_slope_deg=60.0)
+    for foot, ends in ((20.0, False), (-20.0, True)):
+        found = past(
+            steep, line=lab.slope((30, 40), (20, foot), (50, 0)), table=lab.plain(mu_f=0.8391),
+            blocks=lab.sphere(0.5, speed_mps=(12, 12)), n=1, start=10.0, at=30.0, log_events=9,
+        )  # fmt: skip
+        assert (found.rocks["reason"][0] == lab.BARRIER) == ends
+        over, off = found.event_logs[0][1:3]
+        energy = 0.5 * (off["vx_mps"] ** 2 + off["vz_mps"] ** 2 + 0.1 * off["omega_radps"] ** 2)
+        assert energy < 0.5 * 12.0**2 + G * (over["z_m"] - off["z_m"])
+
+
+def test_a_block_through_a_net_at_the_edge_of_a_roof_lands_there() -> None:
+    net = ControlLine("net", "net", 2.0, 5.0)
+    roof = replace(GALLERY, height_m=0.0, width_m=4.0)
+    both = [
+        lab.run(
+            lab.slope((300, 40)), lab.plain(mu_f=0.8391), lab.sphere(0.5, speed_mps=(12, 12)),
+            start=10.0,
+            control_lines=ControlLineCrossings.same_for_all([*lines, STATION], [30, 30, 40], 1),
+        )
+        for lines in ((net, roof), (roof, net))
+    ]  # fmt: skip
+    outcomes = [set(found.passages["outcome"]) for found in both]
+    assert outcomes == 2 * [{Outcome.BROKE_THROUGH, Outcome.ON_ROOF, Outcome.PASSED}]
+    assert both[0].rocks == both[1].rocks
+    alone = on_a_roof(12.0, width_m=4.0)[1]
+    assert both[0].passages["vx_mps"][2] < alone["vx_mps"][1]
+
+
 def test_no_block_on_a_roof_reaches_the_cells_under_it() -> None:
     gallery = replace(GALLERY, height_m=0.0, width_m=20.0, roof_slope_deg=30.0)
     free, covered = (past(line).kept["exceed"][:, 0] for line in (STATION, gallery))
