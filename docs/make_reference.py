@@ -42,7 +42,7 @@ default; –: may be left out.
 | along one profile | `[profile]` (or `--csv`, `--point`, `--line`), one `[[blocks]]` |
 
 Terrain, release, ground, blocks, stations, barriers, effects, engine and run (except `jobs` and
-`ground_uncertainty`) may change the simulated blocks; the other sections leave them unchanged.
+`ground_uncertainty`) may change the simulated blocks; paths of files, numbers of cores and output settings do not.
 
 An empty section of an [effect](effects.md) turns it on with its defaults.
 """
@@ -53,8 +53,8 @@ _INTRO = {
     "release": "[Release points](terrain.md#release-points).",
     "ground": "The [ground class](model.md#ground-classes) of each cell.",
     "blocks": "One section for each block scenario. State the size by three semi-axes or by a "
-    "volume. Values are drawn uniformly between the limits of a range. Zones need an onset "
-    "frequency ([hazard](hazard.md)).",
+    "volume. Values are drawn uniformly between the limits of a range, volumes by "
+    "`volume_exponent`. Zones need an onset frequency ([hazard](hazard.md)).",
     "stations": "Control lines that record passing blocks, one section each. Place them by one of "
     "`line`, `file`, `chainage_m`.",
     "barriers": "Walls, nets and [galleries](model.md#galleries), one section each. `kind` and "

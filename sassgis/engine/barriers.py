@@ -16,6 +16,7 @@ from sassgis.engine.roofs import move_over_roof, roof_landing
 from sassgis.engine.state import (
     BARRIER,
     CROSSING_DTYPE,
+    FLIGHT,
     Block,
     Output,
     Physics,
@@ -326,6 +327,10 @@ def after_barrier(
     if outcome == STOPPED:
         end(state, BARRIER)
     elif outcome == ON_ROOF:
+        if state.phase != FLIGHT:
+            # On the ground the velocity is still that before a net at the same place.
+            state.vx *= met.speed_left
+            state.vz *= met.speed_left
         move_over_roof(state, block, physics, crossing, max(height - crossing.height, 0.0))
     elif outcome == HELD_BY_NET:
         state.held_x = state.x

@@ -7,7 +7,6 @@ import math
 from sassgis.compiled.jit import fused, inlined, lean
 from sassgis.engine import rolling
 from sassgis.engine.barriers import (
-    ON_ROOF,
     Stretch,
     after_barrier,
     control_lines_on_ground,
@@ -274,9 +273,6 @@ def ground_motion(
     if at_barrier:
         state.speed *= barrier.speed_left
         state.omega *= barrier.speed_left
-        if barrier.outcome == ON_ROOF:
-            state.vx *= barrier.speed_left
-            state.vz *= barrier.speed_left
         after_barrier(state, block, site, physics, barrier, 0.0)
     elif ends_by == rolling.PART:
         same_event(state, physics)
