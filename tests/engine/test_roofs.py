@@ -150,6 +150,7 @@ def test_a_block_pays_for_its_rise_where_a_roof_ends_in_the_ground() -> None:
         )  # fmt: skip
         assert (found.rocks["reason"][0] == lab.BARRIER) == ends
         over, off = found.event_logs[0][1:3]
+        assert math.hypot(over["ux"], over["uz"]) == pytest.approx(1.0)
         energy = 0.5 * (off["vx_mps"] ** 2 + off["vz_mps"] ** 2 + 0.1 * off["omega_radps"] ** 2)
         assert energy < 0.5 * 12.0**2 + G * (over["z_m"] - off["z_m"])
 
