@@ -42,7 +42,8 @@ default; –: may be left out.
 | along one profile | `[profile]` (or `--csv`, `--point`, `--line`), one `[[blocks]]` |
 
 Terrain, release, ground, blocks, stations, barriers, effects, engine and run (except `jobs` and
-`ground_uncertainty`) may change the simulated blocks; paths of files, numbers of cores and output settings do not.
+`ground_uncertainty`) may change the simulated blocks; paths of files, numbers of cores and output
+settings do not.
 
 An empty section of an [effect](effects.md) turns it on with its defaults.
 """
