@@ -316,8 +316,9 @@ def control_lines_on_ground(
 
 @lean
 def after_barrier(
-    state: Record, block: Block, site: Site, physics: Physics, met: Meeting, height: float
-) -> None:
+    state: Record, block: Block, site: Site, output: Output, physics: Physics, met: Meeting,
+    height: float,
+) -> None:  # fmt: skip
     """End the motion of a block that a barrier stops; remember where a net holds one.
 
     On the roof of a gallery it moves on; ``height`` is its passing height at the line (m).
@@ -331,6 +332,7 @@ def after_barrier(
             # On the ground the velocity is still that before a net at the same place.
             state.vx *= met.speed_left
             state.vz *= met.speed_left
-        move_over_roof(state, block, physics, crossing, max(height - crossing.height, 0.0))
+        above = max(height - crossing.height, 0.0)
+        move_over_roof(state, block, output, physics, crossing, above)
     elif outcome == HELD_BY_NET:
         state.held_x = state.x

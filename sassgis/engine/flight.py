@@ -23,7 +23,6 @@ from sassgis.engine.state import (
     FLIGHT,
     IMPACT,
     LEFT_PROFILE,
-    ROLLING,
     STEP_LIMIT,
     Block,
     Output,
@@ -91,12 +90,8 @@ def _advance(
 
 
 @lean
-def _over_roof(state: Record, block: Block, site: Site, output: Output, physics: Physics) -> None:
+def _over_roof(state: Record, block: Block, site: Site, physics: Physics) -> None:
     """Move a block over the roof of a gallery to its lower edge, or to where the ground ends."""
-    state.phase = ROLLING
-    speed = math.hypot(state.vx, state.vz)
-    log_event(output.log, state, state.vx / speed, state.vz / speed)
-    state.phase = FLIGHT
     to_end = _time_to_end(state, block, site.profile)
     until = min((state.roof_end - state.x) / state.vx, to_end)
     state.x = min(state.x + state.vx * until, state.roof_end)
@@ -124,7 +119,7 @@ def flight(
     """Fly to the next contact, a barrier or the end of the profile."""
     g = physics.gravity
     if state.roof_end > state.x:
-        _over_roof(state, block, site, output, physics)
+        _over_roof(state, block, site, physics)
         return
     log_event(output.log, state, 0.0, 0.0)
     limit = hooks.before_flight(
@@ -167,7 +162,7 @@ def flight(
         state.segment = segment_at(site.profile, state.x, state.segment)
         crossing = site.crossings.rows[barrier.line]
         height = passing_height(block, site, crossing, state.segment, state.z)
-        after_barrier(state, block, site, physics, barrier, height)
+        after_barrier(state, block, site, output, physics, barrier, height)
         if state.phase != FLIGHT:
             # It drops to the foot of the wall, or lies on the roof.
             top = crossing.height if barrier.outcome == ON_ROOF else 0.0

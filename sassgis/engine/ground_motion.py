@@ -273,7 +273,7 @@ def ground_motion(
     if at_barrier:
         state.speed *= barrier.speed_left
         state.omega *= barrier.speed_left
-        after_barrier(state, block, site, physics, barrier, 0.0)
+        after_barrier(state, block, site, output, physics, barrier, 0.0)
     elif ends_by == rolling.PART:
         same_event(state, physics)
     else:

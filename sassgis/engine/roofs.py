@@ -13,7 +13,18 @@ from sassgis.compiled.jit import inlined, lean
 from sassgis.engine.contact import resting_height
 from sassgis.engine.ellipse import Record
 from sassgis.engine.profile import segment_at
-from sassgis.engine.state import BARRIER, FLIGHT, Block, Physics, Site, end
+from sassgis.engine.state import (
+    BARRIER,
+    FLIGHT,
+    ROLLING,
+    SLIDING,
+    Block,
+    Output,
+    Physics,
+    Site,
+    end,
+    log_event,
+)
 from sassgis.grid import FloatArray
 from sassgis.settings.blocks import BlockPopulation
 from sassgis.settings.statistics_table import built_in_rows
@@ -51,7 +62,7 @@ def roof_landing(above: float, vx: float, vz: float, slope: float, gravity: floa
 
 @lean
 def move_over_roof(
-    state: Record, block: Block, physics: Physics, crossing: Record, above: float
+    state: Record, block: Block, output: Output, physics: Physics, crossing: Record, above: float
 ) -> None:
     """Let a block that is ``above`` (m) the uphill edge of a roof land there, and roll.
 
@@ -72,15 +83,20 @@ def move_over_roof(
         end(state, BARRIER)
         return
     leaves = math.sqrt(left2)
+    duration = landing.distance / state.vx + 2.0 * length / (speed + leaves)
+    state.phase = SLIDING if physics.point else ROLLING
+    state.vx = speed * cosine
+    state.vz = -slope * state.vx
+    state.omega = 0.0 if physics.point else speed / block.roll_radius
+    log_event(output.log, state, cosine, -slope * cosine)
     state.phase = FLIGHT
     state.roof_end = crossing.x + crossing.width
     state.roof_z = crossing.z + crossing.height - slope * crossing.width + block.b / cosine
     state.roof_vx = leaves * cosine
     state.roof_vz = -leaves * cosine * slope
-    duration = landing.distance / state.vx + 2.0 * length / (speed + leaves)
+    # On the way, in flight and rolling, it has its mean speed.
     state.vx = crossing.width / duration
     state.vz = -slope * state.vx
-    state.omega = 0.0
     if not physics.point:
         # Friction can turn the block no faster than its work allows.
         spin2 = min(left2, speed * speed + braked / (share - 1.0))
