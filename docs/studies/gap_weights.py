@@ -45,7 +45,7 @@ from gap_check.worlds import FAMILIES, WorldSpec, battery, world_seeds
 from study_tables import between_marks, table
 
 from sassgis.errors import InputError
-from sassgis.gap.causes.all_causes import STATISTICS
+from sassgis.gap.causes.all_causes import CAUSES, STATISTICS
 from sassgis.gap.constants import FIT_DRAWS
 from sassgis.gap.diagnosis import CauseGain, Fingerprint
 from sassgis.gap.fit.hypothesis_fit import CONTACT_LAW, NONE, UNKNOWN, HypothesisFits
@@ -100,6 +100,8 @@ FIXED = (
     "site", "law", "slope", "effects", "strengths", "disturbance", "rocks", "kind", "adequate",
     "excess", "against",
 )  # fmt: skip
+#: Limits of the sureness of a gain in the table of those that reach it.
+REACHED = (2, 3, 5, 8)
 #: Columns of each cause that was tried: what it closes, standard errors, power.
 GAINS = ("share", "sureness", "power")
 
@@ -527,6 +529,26 @@ def level() -> str:
     return table(" | ".join(["all", *LAWS]), [" | ".join(shown)])
 
 
+def reached() -> str:
+    """How many gains reach a sureness, of causes that act and of causes that do not."""
+    acts, absent, most = [], [], []
+    for row in read_rows():
+        gains = {n: g.sureness for n, g in evidence(row)[1].items() if CAUSES[n].closes}
+        acts += [sure for name, sure in gains.items() if name in known_of(row)]
+        own = [sure for name, sure in gains.items() if name not in known_of(row)]
+        absent += own
+        most.append(max(own, default=-math.inf))
+    rows = []
+    for words, sure in (
+        ("causes that act", acts),
+        ("causes that do not", absent),
+        ("sites with one that does not", most),
+    ):
+        counts = [f"{sum(one >= limit for one in sure)}/{len(sure)}" for limit in REACHED]
+        rows.append(" | ".join([words, *counts]))
+    return table(" | ".join(["", *(f"{limit} and more" for limit in REACHED)]), rows)
+
+
 def with_headline(text: str) -> str:
     """A page with the figures that hold for generators that the weights never saw."""
     return between_marks(text, "headline", headline())
@@ -536,7 +558,7 @@ def filled(text: str) -> str:
     """The page with its tables."""
     tables = {
         "laws": by_generator, "confusion": confusion, "level": level,
-        "adequacy": adequacy,
+        "reached": reached, "adequacy": adequacy,
     }  # fmt: skip
     for name, made in tables.items():
         text = between_marks(text, name, made())
