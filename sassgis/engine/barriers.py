@@ -111,6 +111,7 @@ def _write_passage(
     row.energy_trans_kj = 0.5e-3 * block.mass * (vx * vx + vz * vz)
     row.energy_rot_kj = 0.5e-3 * block.mass * block.inertia * omega * omega
     row.roof_energy_kj = 0.5e-3 * block.mass * into_roof * into_roof
+    row.roof_left_kj = 0.0
     row.mass_kg = block.mass
     # In cells: the driver knows where these lie.
     row.x_m = state.from_u + (crossing.x - state.from_x) * state.du

@@ -90,7 +90,7 @@ def _advance(
 
 
 @lean
-def _over_roof(state: Record, block: Block, site: Site, physics: Physics) -> None:
+def _over_roof(state: Record, block: Block, site: Site, output: Output, physics: Physics) -> None:
     """Move a block over the roof of a gallery to its lower edge, or to where the ground ends."""
     to_end = _time_to_end(state, block, site.profile)
     until = min((state.roof_end - state.x) / state.vx, to_end)
@@ -100,7 +100,7 @@ def _over_roof(state: Record, block: Block, site: Site, physics: Physics) -> Non
     state.lines_from = state.x
     state.furthest = max(state.furthest, state.x)
     if until < to_end:
-        leave_roof(state, block, site, physics)
+        leave_roof(state, block, site, output, physics)
     elif state.open:
         same_event(state, physics)
     else:
@@ -119,7 +119,7 @@ def flight(
     """Fly to the next contact, a barrier or the end of the profile."""
     g = physics.gravity
     if state.roof_end > state.x:
-        _over_roof(state, block, site, physics)
+        _over_roof(state, block, site, output, physics)
         return
     log_event(output.log, state, 0.0, 0.0)
     limit = hooks.before_flight(

@@ -110,8 +110,8 @@ def _roll_share(block: Block, physics: Physics) -> float:
 
 
 @lean
-def leave_roof(state: Record, block: Block, site: Site, physics: Physics) -> None:
-    """Let a block fly from the lower edge of a roof.
+def leave_roof(state: Record, block: Block, site: Site, output: Output, physics: Physics) -> None:
+    """Let a block fly from the lower edge of a roof, and note its energy there.
 
     Where that lies in the ground, the block has risen to the ground, or ends.
     """
@@ -129,6 +129,12 @@ def leave_roof(state: Record, block: Block, site: Site, physics: Physics) -> Non
     state.vx = left * state.roof_vx
     state.vz = left * state.roof_vz
     state.omega *= left
+    for k in range(state.n_passages - 1, -1, -1):
+        row = output.passages[k]
+        if row.roof_energy_kj > 0.0:
+            twice = state.vx**2 + state.vz**2 + block.inertia * state.omega**2
+            row.roof_left_kj = 0.5e-3 * block.mass * twice
+            break
 
 
 @cache

@@ -156,7 +156,7 @@ def _at_lines(frame: pd.DataFrame, lines: Sequence[ControlLine]) -> pd.DataFrame
     names = np.array([line.name for line in lines], dtype=object)
     frame["control_line"] = names[frame["control_line"]]
     roofs = any(line.kind == "gallery" for line in lines)
-    return frame if roofs else frame.drop(columns="roof_energy_kj")
+    return frame if roofs else frame.drop(columns=["roof_energy_kj", "roof_left_kj"])
 
 
 #: What a spreadsheet takes for the beginning of a formula.

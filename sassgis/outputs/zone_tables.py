@@ -189,8 +189,17 @@ def protection_table(
                 if curve is not None and often > rate:
                     values = _limited(curve, rate, confidence)
                 row |= _named(key, values)
+            row["side_per_year"] = rounded(_against_the_side(line, with_barriers, i), 4)
             rows.append(row)
     return pd.DataFrame(rows)
+
+
+def _against_the_side(line: ControlLine, sampled: Sequence[Sampled], i: int) -> float:
+    """Return how often blocks hit the uphill side of a gallery (1/year); NaN for other lines."""
+    if line.kind != "gallery":
+        return float("nan")
+    on_roof, over = (float(arrivals(sampled, i, key).rate[1]) for key in (LOAD, OVER))
+    return max(float(arrivals(sampled, i, "energy_kj").rate[0]) - on_roof - over, 0.0)
 
 
 def _limited(curve: Arrivals, rate: float, confidence: float) -> tuple[float, ...]:

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 
 import sassgis
+from sassgis.grid import FloatArray
 from sassgis.report import figures
 from sassgis.report.figures import MapMarks
 from sassgis.report.map_report import Lines, release_outlines
@@ -39,6 +40,18 @@ _SEVERAL = {
 }
 
 
+def _lines_of_both(
+    before: StoredResult, after: StoredResult
+) -> tuple[tuple[str, str, FloatArray], ...]:
+    """Return stations and barriers of two results; one that both have once."""
+    gone = [
+        (kind, name, trace)
+        for kind, name, trace in before.traces
+        if not any(name == n and np.array_equal(trace, t) for _, n, t in after.traces)
+    ]
+    return (*after.traces, *gone)
+
+
 def change_figures(
     before: StoredResult, after: StoredResult, folder: Path, *, levels: bool
 ) -> tuple[ReportFigure, ...]:
@@ -53,10 +66,13 @@ def change_figures(
         moved = result_change.difference(old, new)
         if compared is result_change.LEVEL:
             title = "Hazard level before and after"
-            caption = "Levels of the cells, before they are drawn as zones."
+            caption = (
+                "Levels of the cells, before they are drawn as zones. Stations and barriers are "
+                "those of both results."
+            )
             figure = figures.change_figure(
                 grid, before.maps[result_change.LEVEL.stem], after.maps[result_change.LEVEL.stem],
-                MapMarks(after.release, control_lines=after.traces),
+                MapMarks(after.release, control_lines=_lines_of_both(before, after)),
                 names=("Before", "After"), title=title,
             )  # fmt: skip
         else:

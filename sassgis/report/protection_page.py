@@ -200,7 +200,8 @@ def protection_sheets(
                 "rate": float(design["arrivals_per_year"].iloc[i]),
                 "blocks": int(design["rocks"].iloc[i]),
                 "yearly": needs.iloc[0],
-                "best": best_words(along),
+                # A roof protects only what it covers.
+                "best": None if line.kind == "gallery" else best_words(along),
                 "beyond": words_at_line(without_barriers, i),
                 "given": given,
                 "table": needs_table(design.iloc[i], needs),
@@ -256,7 +257,7 @@ _NEEDS = (
     ("net_class", "energy class", "station net"),
     ("net_height_m", "net height | m", "station net"),
     ("net_height_m", "wall height | m", "wall"),
-    (BEHIND, "energy behind | kJ", "net"),
+    (BEHIND, "energy behind | kJ", "net gallery"),
     (LOAD, "energy of hits | kJ", "wall"),
     (LOAD, "energy into the roof | kJ", "gallery"),
     (FORCE, "force on the roof | kN", "gallery"),

@@ -117,6 +117,7 @@ PASSAGE_DTYPE = np.dtype(
         ("energy_rot_kj", np.float64),
         ("mass_kg", np.float64),
         ("roof_energy_kj", np.float64),  # of the motion into a gallery's roof, 0 without
+        ("roof_left_kj", np.float64),  # as it leaves that roof; 0 if it ends there, or without
         ("x_m", np.float64),  # place on the map where a path is followed; on given lines NaN
         ("y_m", np.float64),
     ]

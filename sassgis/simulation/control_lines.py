@@ -111,7 +111,9 @@ class ControlLineSums:
         cushion = self._cushions[control_line]  # only galleries have one
         computed = {
             "energy_kj": energy,
-            BEHIND: energy_behind(energy, outcome, self._capacities[control_line]),
+            BEHIND: energy_behind(
+                energy, outcome, self._capacities[control_line], passages["roof_left_kj"]
+            ),
             LOAD: np.where(np.isin(outcome, _ON_BARRIER) & (cushion == 0.0), energy, into_roof),
             FORCE: roof_force_kn(into_roof, passages["mass_kg"], cushion),
             OVER: np.where(outcome == Outcome.OVERTOPPED, energy, 0.0),
@@ -217,13 +219,19 @@ _ON_BARRIER = (Outcome.STOPPED, Outcome.HELD_BY_NET, Outcome.BROKE_THROUGH)
 
 
 def energy_behind(
-    energy_kj: FloatArray, outcome: NDArray[np.uint8], capacity_kj: FloatArray
+    energy_kj: FloatArray,
+    outcome: NDArray[np.uint8],
+    capacity_kj: FloatArray,
+    roof_left_kj: FloatArray,
 ) -> FloatArray:
-    """Return the energy of blocks behind a line (kJ): 0 for those that a barrier stops."""
+    """Return the energy of blocks behind a line (kJ): 0 for those that a barrier stops.
+
+    ``roof_left_kj`` is that of blocks on a roof as they leave it, 0 for those that end there.
+    """
     taken = np.isin(outcome, (Outcome.STOPPED, Outcome.HELD_BY_NET))
     lost = np.where(outcome == Outcome.BROKE_THROUGH, capacity_kj, 0.0)
     behind: FloatArray = np.where(taken, 0.0, np.maximum(energy_kj - lost, 0.0))
-    return behind
+    return np.where(outcome == Outcome.ON_ROOF, roof_left_kj, behind)
 
 
 def trimmed(histogram: Histogram, bins: int = 15) -> Histogram:

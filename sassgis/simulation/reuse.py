@@ -81,7 +81,7 @@ def begun_with(file: Path, run: MapRun) -> Progress:
         raise InputError(
             "the sums of release areas are damaged or of another version" if said
             else "there are no sums of release areas to be used again",
-            file=file, expected="a result of sassgis zone with walls or nets, of this version",
+            file=file, expected="a result of sassgis zone with barriers, of this version",
         )  # fmt: skip
     now = _digests(run)
     differ = [_KEYS.get(n, n) for n, digest in now.items() if state[f"digest.{n}"] != digest]

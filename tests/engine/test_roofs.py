@@ -124,9 +124,13 @@ def test_a_block_that_slides_onto_a_roof_leaves_it_by_hand() -> None:
     assert height > 0.0
     assert passages["vx_mps"][1] == pytest.approx(vx, rel=1e-3)
     assert passages["height_m"][1] == pytest.approx(height, abs=0.02)
+    at_station = passages["energy_trans_kj"][1] + passages["energy_rot_kj"][1]
+    gained = -1e-3 * G * passages["mass_kg"][0] * fallen
+    assert passages["roof_left_kj"][0] == pytest.approx(at_station - gained, rel=1e-3)
     # On a level roof of 20 m, 0.45 g over its length is more than it has.
     ends, passages = on_a_roof(12.0, width_m=20.0, roof_slope_deg=0.0)
     assert (ends["reason"], ends["runout_m"], len(passages)) == (lab.BARRIER, 30.0, 1)
+    assert passages["roof_left_kj"][0] == 0.0
 
 
 def test_a_block_that_ends_on_a_roof_lies_on_it() -> None:

@@ -113,8 +113,14 @@ def test_what_goes_on_behind_a_net_is_all_over_it_the_rest_through_it_and_nothin
     outcome = np.array(
         [Outcome.STOPPED, Outcome.HELD_BY_NET, Outcome.OVERTOPPED, Outcome.BROKE_THROUGH], np.uint8
     )
-    behind = energy_behind(np.full(4, 700.0), outcome, np.full(4, 500.0))
+    behind = energy_behind(np.full(4, 700.0), outcome, np.full(4, 500.0), np.zeros(4))
     assert list(behind) == [0.0, 0.0, 700.0, 200.0]
+
+
+def test_what_goes_on_behind_a_gallery_is_what_leaves_its_roof() -> None:
+    outcome = np.full(2, Outcome.ON_ROOF, np.uint8)
+    left = np.array([0.0, 30.0])
+    assert list(energy_behind(np.full(2, 700.0), outcome, np.full(2, np.inf), left)) == [0.0, 30.0]
 
 
 def passages(outcome: list[Outcome]) -> np.ndarray:
@@ -203,12 +209,14 @@ def test_table_of_protection_of_a_gallery_by_hand() -> None:
     rows = passages([Outcome.STOPPED, Outcome.OVERTOPPED, Outcome.ON_ROOF, Outcome.ON_ROOF])
     on_roof = rows["outcome"] == Outcome.ON_ROOF
     rows["roof_energy_kj"][on_roof] = 100.0
+    rows["roof_left_kj"][2::4] = 40.0
     sums = ControlLineSums((gallery,))
     sums.add(rows)
     needs = protection_table([gallery], sampled(sums), sampled(sums), (3.0,), 2700.0)
     row = needs.iloc[0]
     assert row["hits_per_year"] == 0.5 and row["over_per_year"] == 0.25
-    assert row["behind_per_year"] == 0.75
+    # Half of those on the roof end there.
+    assert row["behind_per_year"] == 0.5 and row["side_per_year"] == 0.25
     # All on the roof alike; a cubic metre has a radius of 0.62 m.
     force = 1.765 * 3200.0**0.4 * 0.6204**0.2 * 100.0**0.6
     assert row["force_kn"] == pytest.approx(force, rel=0.06) and row["load_kj"] <= 100.0
@@ -221,7 +229,12 @@ def test_table_of_protection_of_a_gallery_by_hand() -> None:
     assert of_layer["rocks"] == 100 and of_layer["stopped"] == 25
     sheet = needs_table(design_table([gallery], sampled(sums), (3.0,)).iloc[0], needs)
     heads = [name for name, _ in sheet.columns]
-    assert heads[-3:] == ["energy into the roof", "force on the roof", "energy over the top"]
+    assert heads[-4:] == [
+        "energy behind",
+        "energy into the roof",
+        "force on the roof",
+        "energy over the top",
+    ]
     assert str(sheet.rows[0][-2]).startswith(f"{row['force_kn']:.0f}") and sheet.rows[0][-1] is None
     _, roofs = control_line_tables(sums)
     assert roofs.rows[0][:5] == ("roof", 100, 25, 50, 25)
