@@ -24,7 +24,7 @@ from sassgis.hazard.design import (
 )
 from sassgis.hazard.sources import Sampled
 from sassgis.outputs.frames import table_of, without_formulas
-from sassgis.settings.results import ControlLine, rounded
+from sassgis.settings.results import ControlLine, Outcome, rounded
 from sassgis.simulation.control_lines import BEHIND, FORCE, LOAD, OVER
 from sassgis.terrain.fall_lines import mean_height_m, moved_lines
 
@@ -198,8 +198,11 @@ def _against_the_side(line: ControlLine, sampled: Sequence[Sampled], i: int) -> 
     """Return how often blocks hit the uphill side of a gallery (1/year); NaN for other lines."""
     if line.kind != "gallery":
         return float("nan")
-    on_roof, over = (float(arrivals(sampled, i, key).rate[1]) for key in (LOAD, OVER))
-    return max(float(arrivals(sampled, i, "energy_kj").rate[0]) - on_roof - over, 0.0)
+    hits = (Outcome.STOPPED, Outcome.HELD_BY_NET, Outcome.BROKE_THROUGH)
+    return sum(
+        one.source.rate_per_rock * sum(one.control_lines.outcomes(i)[o] for o in hits)
+        for one in sampled
+    )
 
 
 def _limited(curve: Arrivals, rate: float, confidence: float) -> tuple[float, ...]:
