@@ -198,8 +198,8 @@ def release_warnings(run: MapRun, points: ReleasePoints) -> list[str]:
         out.append(phrase(text, ", ".join(uneven)))
     if narrow:
         text = (
-            "Release areas too narrow for release.spacing_m, where a point represents more than "
-            "twice this length: {}. Reduce it to get more points."
+            "Too few release points in narrow release areas (largest length for one point): {}. "
+            "Reduce release.spacing_m."
         )
         out.append(phrase(text, ", ".join(narrow)))
     return out

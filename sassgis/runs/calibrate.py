@@ -165,13 +165,15 @@ def stop_warnings(case: Case) -> tuple[str, ...]:
 
 
 def limit_warnings(case: Case, model: HypothesisModel) -> tuple[str, ...]:
-    """Warn that values of the ground are as far as any ground has shown."""
+    """Warn that fitted values of the ground are as far as any ground has shown."""
+    stated = {own.name: own for own in case.table.classes}
     met = [own for own in model.table.classes if own.name in case.met]
     found = [
         f"{own.name} {name} {getattr(own, name):.2g}"
         for own in met
         for name in LAW_BOUNDS
-        if _at_limit(name, getattr(own, name))
+        if getattr(own, name) != getattr(stated[own.name], name)
+        and _at_limit(name, getattr(own, name))
     ]
     if not found:
         return ()

@@ -39,6 +39,9 @@ def test_values_at_their_limit_are_told() -> None:
     slippery = tuple(replace(c, mu_f=0.06) if c.name == "debris" else c for c in usual)
     (said,) = limit_warnings(case, replace(BASE, table=GroundTable(slippery)))
     assert said.startswith("Values at the limit of all known grounds: debris mu_f 0.06.")
+    # One that the user states is not a finding.
+    stated = replace(case, table=GroundTable(slippery))
+    assert limit_warnings(stated, replace(BASE, table=GroundTable(slippery))) == ()
     losing = tuple(replace(c, mu_v=0.05) if c.name == "debris" else c for c in usual)
     (said,) = limit_warnings(case, replace(BASE, table=GroundTable(losing)))
     assert said.startswith("Values at the limit of all known grounds: debris mu_v 0.05.")
