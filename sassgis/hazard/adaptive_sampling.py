@@ -13,7 +13,7 @@ from sassgis.errors import ConfigError
 from sassgis.grid import FloatArray
 from sassgis.hazard.assess import Rules, curves_of
 from sassgis.hazard.levels import hazard_level
-from sassgis.hazard.sampling_error import level_chances, worth_of_places
+from sassgis.hazard.sampling_error import LevelChances, level_chances, worth_of_places
 from sassgis.hazard.sources import sampled_sources
 from sassgis.settings.hazard_rules import BlockBudget
 from sassgis.settings.map_run import Config, MapRun, Round, Worth
@@ -57,7 +57,7 @@ class MoreBlocks:
             f"{progress.simulated} blocks: with another random seed, "
             f"{100 * chances.changed_share:.1f} % of the zoned area changes level; "
             f"target {100 * self.budget.changed_share:.3g} %, now {100 * share:.1f} % (larger of "
-            "this and the mean of the levels)"
+            f"this and the mean of the levels{_least_certain(chances, self.rules)})"
         )
         if share <= self.budget.changed_share:
             return None
@@ -102,6 +102,15 @@ class MoreBlocks:
             smooth = (n * own + own.mean()) / (n + 1)
             out[of, k] = (self.rules.frequencies[name] / started) ** 2 * smooth
         return out
+
+
+def _least_certain(chances: LevelChances, rules: Rules) -> str:
+    """Name the level of which most changes, which may be a small one; empty without any level."""
+    of_levels = chances.changed_by_level
+    if not np.isfinite(of_levels).any():
+        return ""
+    worst = int(np.nanargmax(of_levels))
+    return f"; most: {rules.preset.levels[worst].label}, {100 * of_levels[worst]:.1f} %"
 
 
 def halvings_of(left_open: FloatArray | None, planned: Plan) -> NDArray[np.uint8] | None:
