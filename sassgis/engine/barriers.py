@@ -58,6 +58,17 @@ class ControlLineTable(NamedTuple):
     slope: FloatArray  # of that roof, falling (tangent)
 
 
+@inlined
+def set_line(crossing: Record, lines: ControlLineTable, number: int) -> None:
+    """Write into a crossing which line it is of, and what that is."""
+    crossing.number = number
+    crossing.kind = lines.kind[number]
+    crossing.height = lines.height[number]
+    crossing.capacity = lines.capacity[number]
+    crossing.width = lines.width[number]
+    crossing.slope = lines.slope[number]
+
+
 @kernel
 def crossings_of(
     profile: CountedRows, chainage: FloatArray, number: IntArray, lines: ControlLineTable
@@ -77,12 +88,7 @@ def crossings_of(
         row = rows[i]
         row.x = x
         row.z = under.z + (x - under.x) * under.tz / under.tx
-        row.kind = lines.kind[number[i]]
-        row.height = lines.height[number[i]]
-        row.capacity = lines.capacity[number[i]]
-        row.width = lines.width[number[i]]
-        row.slope = lines.slope[number[i]]
-        row.number = number[i]
+        set_line(row, lines, number[i])
     return CountedRows(rows, np.full(1, chainage.size, np.int64))
 
 

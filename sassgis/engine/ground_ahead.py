@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sassgis.compiled.jit import fused, inlined, lean
-from sassgis.engine.barriers import ControlLineTable
+from sassgis.engine.barriers import ControlLineTable, set_line
 from sassgis.engine.cell_register import CellRegister, registered
 from sassgis.engine.ellipse import CountedRows, Record, Records, empty_table
 from sassgis.engine.flight import MARGIN_M
@@ -618,12 +618,7 @@ def _add_crossing(site: Site, path: Path, number: int, x: float) -> None:
     row = crossings.rows[at]
     row.x = x
     row.z = profile.rows[j].z + (x - profile.rows[j].x) * profile.rows[j].tz / profile.rows[j].tx
-    row.kind = path.lines.kind[number]
-    row.height = path.lines.height[number]
-    row.capacity = path.lines.capacity[number]
-    row.width = path.lines.width[number]
-    row.slope = path.lines.slope[number]
-    row.number = number
+    set_line(row, path.lines, number)
     row.seen = path.line_seen[number]
     crossings.n[0] = n + 1
 

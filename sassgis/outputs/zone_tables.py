@@ -24,8 +24,8 @@ from sassgis.hazard.design import (
 )
 from sassgis.hazard.sources import Sampled
 from sassgis.outputs.frames import table_of, without_formulas
-from sassgis.settings.results import ControlLine, Outcome, rounded
-from sassgis.simulation.control_lines import BEHIND, FORCE, LOAD, OVER
+from sassgis.settings.results import ControlLine, rounded
+from sassgis.simulation.control_lines import BEHIND, FORCE, LOAD, ON_BARRIER, OVER
 from sassgis.terrain.fall_lines import mean_height_m, moved_lines
 
 
@@ -198,9 +198,8 @@ def _against_the_side(line: ControlLine, sampled: Sequence[Sampled], i: int) -> 
     """Return how often blocks hit the uphill side of a gallery (1/year); NaN for other lines."""
     if line.kind != "gallery":
         return float("nan")
-    hits = (Outcome.STOPPED, Outcome.HELD_BY_NET, Outcome.BROKE_THROUGH)
     return sum(
-        one.source.rate_per_rock * sum(one.control_lines.outcomes(i)[o] for o in hits)
+        one.source.rate_per_rock * sum(one.control_lines.outcomes(i)[o] for o in ON_BARRIER)
         for one in sampled
     )
 

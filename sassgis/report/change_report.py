@@ -26,7 +26,7 @@ from sassgis.settings.languages import joined, named, phrase, translated
 from sassgis.settings.map_run import MapRun
 from sassgis.settings.results import RasterLayer, ground_name
 from sassgis.studies import result_change, variants
-from sassgis.studies.stored_result import StoredResult
+from sassgis.studies.stored_result import StoredResult, is_one_line
 
 _RAMPS = {"reach_probability": "plasma_r", "energy": "YlOrRd", "passing_height": "YlGnBu"}
 _NOTHING = "Cells that no block reaches count as zero."
@@ -43,12 +43,9 @@ _SEVERAL = {
 def _lines_of_both(
     before: StoredResult, after: StoredResult
 ) -> tuple[tuple[str, str, FloatArray], ...]:
-    """Return stations and barriers of two results; one that both have once."""
-    gone = [
-        (kind, name, trace)
-        for kind, name, trace in before.traces
-        if not any(name == n and np.array_equal(trace, t) for _, n, t in after.traces)
-    ]
+    """Return stations and barriers of two results; those at one place once, by the later name."""
+    now = [trace for *_, trace in after.traces]
+    gone = (own for own in before.traces if not any(is_one_line(own[-1], t) for t in now))
     return (*after.traces, *gone)
 
 

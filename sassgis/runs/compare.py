@@ -5,11 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from pathlib import Path
 
-import numpy as np
-
 from sassgis.errors import ConfigError
 from sassgis.files.atomic_output import MANIFEST_NAME, staged_output
-from sassgis.grid import FloatArray
 from sassgis.inputs.config import load_config
 from sassgis.inputs.result_folder import read_result
 from sassgis.outputs.frames import write_table
@@ -33,10 +30,12 @@ from sassgis.settings.languages import in_language, phrase, translated
 from sassgis.settings.schema import Input
 from sassgis.simulation.workers import Jobs
 from sassgis.studies.result_change import ResultChange, levels_differ, result_change
-from sassgis.studies.stored_result import StoredResult, objects_within, on_common_cells
-
-#: Coordinates of lines that are the same (m).
-_SAME_M = 0.001
+from sassgis.studies.stored_result import (
+    StoredResult,
+    is_one_line,
+    objects_within,
+    on_common_cells,
+)
 
 
 def compare(
@@ -131,7 +130,7 @@ def _write_comparison(
         )
         placed = objects_within(placed, after.grid)
     traces = {name: trace for name, _, trace in before.traces}
-    moved = [name for name, _, own in after.traces if not _is_same(traces.get(name, own), own)]
+    moved = [name for name, _, own in after.traces if not is_one_line(traces.get(name, own), own)]
     if moved:
         text = "Moved from one result to the other, so that loads are those of two places: {}."
         notes.append(phrase(text, ", ".join(moved)))
@@ -171,8 +170,3 @@ def _write_comparison(
         warnings=change.notes,
     )  # fmt: skip
     return change
-
-
-def _is_same(one: FloatArray, other: FloatArray) -> bool:
-    """Return whether two traces are one line."""
-    return one.shape == other.shape and bool(np.allclose(one, other, rtol=0.0, atol=_SAME_M))

@@ -114,7 +114,7 @@ class ControlLineSums:
             BEHIND: energy_behind(
                 energy, outcome, self._capacities[control_line], passages["roof_left_kj"]
             ),
-            LOAD: np.where(np.isin(outcome, _ON_BARRIER) & (cushion == 0.0), energy, into_roof),
+            LOAD: np.where(np.isin(outcome, ON_BARRIER) & (cushion == 0.0), energy, into_roof),
             FORCE: roof_force_kn(into_roof, passages["mass_kg"], cushion),
             OVER: np.where(outcome == Outcome.OVERTOPPED, energy, 0.0),
         }
@@ -215,7 +215,7 @@ def _squares(
     return out
 
 
-_ON_BARRIER = (Outcome.STOPPED, Outcome.HELD_BY_NET, Outcome.BROKE_THROUGH)
+ON_BARRIER = (Outcome.STOPPED, Outcome.HELD_BY_NET, Outcome.BROKE_THROUGH)
 
 
 def energy_behind(

@@ -392,28 +392,28 @@ def _differences(before: Mapping[str, Any], after: Mapping[str, Any]) -> Iterato
     """Yield how two manifests differ: version, seed, settings, input contents, libraries."""
     old, new = _facts(before), _facts(after)
     for kind in old:
-        for name in sorted({*old[kind], *new[kind]}):
-            one, two = old[kind].get(name), new[kind].get(name)
-            if kind == "input":
-                # By the contents, wherever they lie.
-                mine, theirs = one or {}, two or {}
-                one = {digest: path for digest, path in mine.items() if digest not in theirs}
-                two = {digest: path for digest, path in theirs.items() if digest not in mine}
-            if one != two and not _same_file(one, two):
-                shown = name.partition(":")[0] if kind == "input" else name
-                yield SettingChange(kind, shown, _text(one), _text(two))
+        yield from _changes(kind, old[kind], new[kind])
 
 
 def setting_changes(
     before: Mapping[str, Any], after: Mapping[str, Any]
 ) -> tuple[SettingChange, ...]:
     """Return settings that are not equal, by dotted key; files are equal if they have one name."""
-    old, new = dict(_flat(before)), dict(_flat(after))
-    return tuple(
-        SettingChange("setting", name, _text(old.get(name)), _text(new.get(name)))
-        for name in sorted({*old, *new})
-        if old.get(name) != new.get(name) and not _same_file(old.get(name), new.get(name))
-    )
+    return tuple(_changes("setting", dict(_flat(before)), dict(_flat(after))))
+
+
+def _changes(kind: str, old: Mapping[str, Any], new: Mapping[str, Any]) -> Iterator[SettingChange]:
+    """Yield how facts of a kind differ, by name."""
+    for name in sorted({*old, *new}):
+        one, two = old.get(name), new.get(name)
+        if kind == "input":
+            # By the contents, wherever they lie.
+            mine, theirs = one or {}, two or {}
+            one = {digest: path for digest, path in mine.items() if digest not in theirs}
+            two = {digest: path for digest, path in theirs.items() if digest not in mine}
+        if one != two and not _same_file(one, two):
+            shown = name.partition(":")[0] if kind == "input" else name
+            yield SettingChange(kind, shown, _text(one), _text(two))
 
 
 def _facts(manifest: Mapping[str, Any]) -> dict[str, dict[str, Any]]:

@@ -21,6 +21,8 @@ from sassgis.settings.results import CHANGED_SHARE, RasterLayer
 
 #: Part of a cell by which cells of two maps may lie apart.
 _APART = 0.01
+#: Coordinates of lines that are the same (m).
+_SAME_M = 0.001
 
 
 @dataclass(frozen=True, slots=True)
@@ -144,3 +146,8 @@ def _cut(result: StoredResult, rows: slice, cols: slice) -> StoredResult:
         kept = shapely.area(inside) > 0.0
         zones = Coverage(inside[kept], zones.classes[kept])
     return replace(result, grid=part, maps=maps, zones=zones)
+
+
+def is_one_line(trace: FloatArray, other: FloatArray) -> bool:
+    """Return whether two control lines have the same coordinates (m), shape (n, 2)."""
+    return trace.shape == other.shape and bool(np.allclose(trace, other, rtol=0.0, atol=_SAME_M))
