@@ -52,9 +52,9 @@ def test_what_is_uneven_or_narrow_is_said_before_and_after(tmp_path: Path) -> No
         (uneven,) = (text for text in warnings if "for their size" in text)
         # Six squares of 0.64 m2 and six lines of 0.4 m, each with a point; 36 m2 and 6 m have one.
         assert "steps (6, 0.11), pieces (6, 0.4)." in uneven and "even (" not in uneven
-        (narrow,) = (text for text in warnings if "too narrow" in text)
+        (narrow,) = (text for text in warnings if "release areas" in text)
         # 80 m2 in two points.
-        assert "length: thin (5" in narrow and "steps" not in narrow
+        assert "one point): thin (5" in narrow and "steps" not in narrow
 
 
 def test_areas_without_a_block_are_named(tmp_path: Path) -> None:
