@@ -166,7 +166,7 @@ def _check_place(plane: pyproj.CRS, file: Input, x: float, y: float, extent: str
         if beyond > _AREA_MARGIN_DEG:
             notice(
                 f"{file}: lies {beyond:.1f} degrees outside the area of use of {plane.name} "
-                f"({area.name}); the coordinate system may be wrong"
+                f"({area.name.rstrip('.')}); the coordinate system may be wrong"
             )
     if abs(scale - 1.0) > _SCALE_ERROR:
         raise wrong(

@@ -112,6 +112,11 @@ def _why(diagnosis: Diagnosis) -> ReportAnswer:
         out.append(
             "The confidence was measured on synthetic sites. Treat this as a lead, not a finding."
         )
+    if verdict.confidence < verdict.ranked.get(verdict.effect, 0.0):
+        out.append(
+            "The confidence is lower than the probability in the list of causes: it is limited to "
+            "the share of synthetic sites at which this answer was right."
+        )
     tried = hypothesis_of(diagnosis.which, verdict.effect)
     if tried is not None and verdict.named:
         interval = phrase(

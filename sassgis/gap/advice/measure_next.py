@@ -85,7 +85,10 @@ def what_is_identifiable(observations: Observations) -> Identifiable:
         *_missing_of_rocks(observations),
     )
     unseen = [n for n, lacking in _tables_lacking(observations, CAUSES).items() if all(lacking)]
-    return replace(found, not_identifiable=lacks, not_testable=not_testable(observations, unseen))
+    text = "Not testable with these tables, however many rocks: {}."
+    return replace(
+        found, not_identifiable=lacks, not_testable=not_testable(observations, unseen, text)
+    )
 
 
 def _missing_of_releases(observations: Observations, found: Identifiable) -> Iterable[str]:
@@ -271,7 +274,11 @@ def _recording(lacking: Mapping[str, Sequence[frozenset[str]]]) -> list[tuple[li
     return found
 
 
-def not_testable(observations: Observations, causes: Iterable[str]) -> str:
+def not_testable(
+    observations: Observations,
+    causes: Iterable[str],
+    text: str = "Not testable with these data: {}.",
+) -> str:
     """Return causes that the data cannot show, in a line: what would show most of them first."""
     lacking = _tables_lacking(observations, causes)
     # Of these every table is there.
@@ -280,7 +287,7 @@ def not_testable(observations: Observations, causes: Iterable[str]) -> str:
     said = [phrase("{} (record {})", names, all_of(tables)) for tables, names in rows]
     if rest:
         said.append(phrase("{} (record more rocks)", joined(", ", map(effect_name, rest))))
-    return phrase("Not testable with these data: {}.", joined("; ", said)) if said else ""
+    return phrase(text, joined("; ", said)) if said else ""
 
 
 def tables_to_add(case: Case, causes: Sequence[str]) -> tuple[str, ...]:
