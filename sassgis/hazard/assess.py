@@ -340,6 +340,7 @@ class Rules:
     notices: tuple[str, ...]  # warnings of the readers
     edits: tuple[Edit, ...] = ()  # of the zones with the barriers there are
     assessed: tuple[Any, ...] = ()  # shapely polygons: what was assessed completely
+    some_areas: bool = False  # whether further release areas are not simulated
     in_part: bool = False  # whether maps are made part by part: sampling_error.level_chances
 
 

@@ -281,7 +281,7 @@ def _block_table(run: MapRun) -> ReportTable:
             (b.name, _span(*b.volume_limits_m3), _span(*b.mass_limits_kg),
              *(_span(*limits) for limits in b.size_limits_m), _span(*b.density_kgm3),
              _span(*b.speed_mps))
-            for b in run.blocks
+            for b in run.released_blocks
         ),
         "Blocks are ellipsoids. Where volumes are given, lengths are those of the mean shape.",
     )  # fmt: skip

@@ -255,7 +255,7 @@ def _checked(
     starts = np.bincount(points.area[on_known_ground(run, points)], minlength=len(run.areas))
     said = [
         *release_warnings(run, points),
-        *size_warnings(run.blocks),
+        *size_warnings(run.released_blocks),
         *idle_areas(a.name for a, n in zip(run.areas, starts, strict=True) if not n),
     ]
     said += [

@@ -318,7 +318,7 @@ def publish_map(
     layers, values = blocks.layers, extras.objects or values_at_objects(done, None, ())
     q95 = {layer.stem: layer.bands[0].values for layer in layers}
     highest = {"speed_mps": q95["speed"], "height_m": q95["passing_height"]}
-    warnings = (*extras.warnings, *done.warnings, *motion_warnings(run.blocks, highest))
+    warnings = (*extras.warnings, *done.warnings, *motion_warnings(run.released_blocks, highest))
     counts = _counts(done)
     facts = facts_of(config, run) | extras.facts | counts
     angles = reach_angles(run, planned, progress)

@@ -87,7 +87,7 @@ def zone_extras(rules: Rules, found: Assessment, done: Simulation, figures: Path
     )  # fmt: skip
     protection = protection_table(
         lines, found.without_barriers, hazard.sampled, periods,
-        min(b.density_kgm3[0] for b in run.blocks), confidence,
+        min(b.density_kgm3[0] for b in run.released_blocks), confidence,
     )  # fmt: skip
     if lines:
         frames |= {"design": design, "protection": protection, "protection_places": places}

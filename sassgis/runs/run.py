@@ -230,7 +230,7 @@ def zone(
         job = read_job(config, areas, tell)
         rules = read_rules(config, job.run)
         edits = read_edits(config.edits, rules.preset, job.run.grid)
-        rules = replace(rules, edits=with_earlier(edits, Path(out)))
+        rules = replace(rules, edits=with_earlier(edits, Path(out)), some_areas=areas is not None)
         job = prepared(job, rules)
         known = spread_rules(config, job.run)
         jobs = jobs_within(config, job.run, jobs, memory_gb)

@@ -161,6 +161,12 @@ class MapRun:
     further_stations: tuple[tuple[ControlLine, FloatArray], ...] | None = None
 
     @property
+    def released_blocks(self) -> tuple[BlockPopulation, ...]:
+        """The block scenarios that a release area of the run releases."""
+        released = {name for area in self.areas for name in area.scenarios}
+        return tuple(block for block in self.blocks if block.name in released)
+
+    @property
     def all_lines(self) -> tuple[tuple[ControlLine, FloatArray], ...]:
         """The control lines, and after them the further stations."""
         return (*self.control_lines, *(self.further_stations or ()))

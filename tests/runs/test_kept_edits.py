@@ -104,6 +104,9 @@ def test_only_a_drawn_perimeter_is_declared_as_assessed(case: Case, printed, ref
         assert set(area["rf_state_rock_fall"]) == {f"assessed_and_{state}"}
     known = gpd.read_file(case.folder / "to_be_clarified" / "hazard.gpkg", layer="assessment_area")
     expected = known.union_all().intersection(drawn)
+    printed("zone", case.config, "-o", case.folder / "some", "--area", "north")
+    some = gpd.read_file(case.folder / "some" / "hazard.gpkg", layer="assessment_area")
+    assert set(some["rf_state_rock_fall"]) == {"assessed_and_not_complete"}
     assert 0.0 < expected.area < drawn.area
     assert area.union_all().symmetric_difference(expected).area < 1e-3
     case.write_layer("perimeter.gpkg", [box(500.0, 5.0, 510.0, 10.0)], {})

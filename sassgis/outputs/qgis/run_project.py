@@ -82,7 +82,7 @@ def sheet_words(
             grid.vertical_datum or phrase("of an unstated datum"),
         )),
         ("Release areas", ", ".join(a.name for a in run.areas)),
-        ("Block scenarios", ", ".join(f"{b.name} ({_volumes(b)} m³)" for b in run.blocks)),
+        ("Block scenarios", ", ".join(f"{b.name} ({_volumes(b)} m³)" for b in run.released_blocks)),
         ("Barriers", phrase("counted: {}", ", ".join(walls)) if walls else phrase("none")),
         ("Simulated blocks", f"{rocks}"),
         ("Contact", imprint.contact),

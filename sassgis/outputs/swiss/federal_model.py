@@ -355,9 +355,10 @@ def federal_layers(
     assessed = cell_polygons(np.isfinite(grid.values), grid)
     complete = {}
     if rules.assessed:
-        # Only what somebody draws and vouches for is complete.
+        # Only what somebody draws and vouches for is complete, with all its release areas.
         assessed = np.array(within_terrain(rules.assessed, grid), np.object_)
-        complete = {"rf_state_rock_fall": "assessed_and_complete"}
+        state = "not_complete" if rules.some_areas else "complete"
+        complete = {"rf_state_rock_fall": f"assessed_and_{state}"}
     along = "a path for each block" if config.terrain.path == "followed" else "fall lines"
     method = (
         f"SASS (Bozzolo and Pamini, 1986): blocks simulated along {along}; "

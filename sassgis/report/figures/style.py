@@ -239,7 +239,7 @@ def plain_tick(value: float, _: object = None) -> str:
     if value >= 1.0:
         return thousands(value)
     tens = np.log10(value) if value > 0.0 else np.nan
-    is_power = value < 0.01 and np.isclose(tens, np.round(tens))
+    is_power = value < 0.9e-4 and np.isclose(tens, np.round(tens))
     return power_of_ten(round(tens)) if is_power else f"{value:.3g}"
 
 
