@@ -401,7 +401,7 @@ class BarrierSettings(StationSettings):
     cushion_kpa: Annotated[
         float | None,
         Interval(gt=0, le=1e6),
-        "galleries: modulus M_E of the cushion on the roof (kPa)",
+        "galleries: modulus M_E of the cushion on the roof (kPa), from a plate bearing test",
         Example(3200.0),
     ] = None
     cushion_kpa_field: FieldName = None

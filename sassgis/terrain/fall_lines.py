@@ -485,8 +485,10 @@ def moved_lines(
 
 
 def mean_height_m(grid: Grid, trace: FloatArray) -> float:
-    """Return the mean height of the ground below a line (m); NaN where it leaves the terrain."""
-    return float(grid.value_at(*points_on(grid, trace).T).mean())
+    """Return the mean height of the known ground below a line (m); NaN where none is known."""
+    heights = grid.value_at(*points_on(grid, trace).T)
+    known = heights[np.isfinite(heights)]
+    return float(known.mean()) if known.size else float("nan")
 
 
 def _copies(grid: Grid, number: int, trace: FloatArray) -> list[MovedLine]:
@@ -500,7 +502,7 @@ def _copies(grid: Grid, number: int, trace: FloatArray) -> list[MovedLine]:
         return []
     down /= np.hypot(*down)
     copies = [MovedLine(number, m, trace + m * down) for m in MOVES_M]
-    return [c for c in copies if np.isfinite(mean_height_m(grid, c.trace))]
+    return [c for c in copies if np.isfinite(grid.value_at(*points_on(grid, c.trace).T)).all()]
 
 
 def points_on(grid: Grid, trace: FloatArray, cells: float = 1.0) -> FloatArray:
