@@ -34,13 +34,15 @@ _MARGIN = 1.05
 class MoreBlocks:
     """Decides after each repetition whether another one is needed, and which.
 
-    ``seconds`` is the part of the time of the budget that the simulation may take.
+    ``seconds`` is the part of the time of the budget that the simulation may take. Without ``adds``
+    the blocks stay those of an earlier result, so that both differ by their barriers only.
     """
 
     rules: Rules
     budget: BlockBudget
     seconds: float
     tell: Callable[[str], None]
+    adds: bool = True
 
     def __call__(self, run: MapRun, planned: Plan, progress: Progress) -> Round | None:
         """Return the next repetition, None for enough; set what the progress records in it."""
@@ -59,7 +61,7 @@ class MoreBlocks:
             f"target {100 * self.budget.changed_share:.3g} %, now {100 * share:.1f} % (larger of "
             f"this and the mean of the levels{_least_certain(chances, self.rules)})"
         )
-        if share <= self.budget.changed_share:
+        if share <= self.budget.changed_share or not self.adds:
             return None
         growth = _MARGIN * (share / self.budget.changed_share) ** 2
         growth = min(max(growth, _LEAST_GROWTH), _MOST_GROWTH)

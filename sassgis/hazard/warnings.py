@@ -325,9 +325,12 @@ def _open_gaps(grid: Grid, limit: Any) -> tuple[list[Any], list[float]]:
 
 
 def zone_warnings(
-    chances: LevelChances, preset: HazardPreset, budget: BlockBudget | None
+    chances: LevelChances, preset: HazardPreset, budget: BlockBudget | None, reused: bool = False
 ) -> list[str]:
-    """Warn of a zoning that stopped before its levels were certain enough."""
+    """Warn of a zoning that stopped before its levels were certain enough.
+
+    ``reused``: its blocks are as many as those of an earlier result.
+    """
     if budget is None or chances.target_share <= budget.changed_share:
         return []
     text = (
@@ -335,6 +338,12 @@ def zone_warnings(
         "limit of {} % for this area and for the mean of the levels (hazard.changed_share_max). "
         "Raise blocks_max or minutes_max."
     )
+    if reused:
+        text = (
+            "{} With the blocks of the reused result, this is above the limit of {} % for this "
+            "area or for the mean of the levels (hazard.changed_share_max). Run the final design "
+            "without --reuse."
+        )
     return [phrase(text, sample_words(chances, preset), f"{100 * budget.changed_share:g}")]
 
 

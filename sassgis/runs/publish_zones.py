@@ -169,7 +169,7 @@ def zone_extras(rules: Rules, found: Assessment, done: Simulation, figures: Path
         frames=frames,
         warnings=(
             *rule_warnings(preset, rules.frequencies),
-            *zone_warnings(hazard.chances, preset, budget),
+            *zone_warnings(hazard.chances, preset, budget, done.reused_from is not None),
             *edit_warnings(hazard.edits),
             *outside,
         ),

@@ -184,10 +184,7 @@ def simulate_job(
         more = None if next_round is None else next_round(run, planned, progress)
         if more is not None:
             progress.rounds = (*progress.rounds, more)
-            areas = (
-                "all release areas, also reused ones" if progress.reused else "all release areas"
-            )
-            tell(f"The target needs further repetitions of {areas}: {more.repetitions}")
+            tell(f"The target needs further repetitions of all release areas: {more.repetitions}")
         if more is not None or not sums_only or keeps_rows(config):
             # Whatever happens while the result is written, the simulation is not lost.
             checkpoint.save(progress, 0.0 if more is None else SAVE_EVERY_S)

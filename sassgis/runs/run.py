@@ -348,12 +348,13 @@ def zone_simulation(
 
     ``sums_only`` as for simulate_job; ``along_slope``: without barriers blocks are recorded at
     copies of the lines along the slope, too, and the sums of the release areas are kept for
-    another run. ``reuse`` is the folder of a result from which such sums are taken.
+    another run. ``reuse`` is the folder of a result from which such sums are taken; its blocks are
+    those of that result, also where the budget allows for more.
     """
     run, budget, more, schedule = job.run, job.config.hazard.budget, None, ""
     if budget is not None:
         check_budget(job.config, run, int(job.planned.blocks_of_point(run).sum()))
-        more = MoreBlocks(rules, budget, budget.seconds, place.tell)
+        more = MoreBlocks(rules, budget, budget.seconds, place.tell, adds=reuse is None)
         schedule = repr((budget, rules.preset, rules.frequencies))
     job = replace(job, run=compared_run(job.config, run, along_slope))
     begin = None

@@ -263,9 +263,8 @@ class Progress:
     # Separate sums of the release areas, by position. Except for the sources, they are added to the
     # sums here by join_parts. None if they are not wanted.
     parts: dict[int, Progress] | None = None
-    # Areas whose blocks of so many first repetitions are taken from an earlier result.
+    # Areas whose blocks are taken from an earlier result.
     reused: tuple[int, ...] = ()
-    reused_rounds: int = 0
 
     @property
     def compared(self) -> bool:

@@ -42,7 +42,6 @@ from sassgis.simulation.map_sums import MapSums
 #: Plain numbers of a progress and of the tally of a source.
 _NUMBERS: dict[str, Any] = {
     "chunks": int, "lost": int, "pieces": int, "simulated": int, "stop_share": float,
-    "reused_rounds": int,
 }  # fmt: skip
 _ARRAYS = ("reasons", "runout", "scores")
 _OF_SOURCE = ("rocks", "never_started", "simulated", "heaviest")

@@ -288,13 +288,11 @@ def simulate_map(
         Ctrl-C waits until it returns, so that the progress is whole at any time.
     """
     progress = resume if resume is not None else Progress.fresh(run)
-    earlier = progress.reused_rounds
     chunks = [
         chunk
-        for chunk in chunks_of(planned, run.rounds[:earlier], chunk_points)
+        for chunk in chunks_of(planned, run.rounds, chunk_points)
         if planned.points.area[chunk.points[0]] not in progress.reused
     ]
-    chunks += chunks_of(planned, run.rounds[earlier:], chunk_points)
     workers = Threads(jobs) if isinstance(jobs, int) else jobs
     common: _Common = (run, planned, bins_of(run), progress.worth)
     with closing(workers.in_order(_work, common, chunks[progress.chunks :])) as outcomes:

@@ -112,7 +112,6 @@ def begun_with(file: Path, run: MapRun) -> Progress:
         progress.simulated += part.simulated
     progress.rounds = earlier.rounds
     progress.reused = tuple(progress.parts)
-    progress.reused_rounds = len(earlier.rounds)
     return progress
 
 

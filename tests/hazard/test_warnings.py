@@ -98,6 +98,8 @@ def test_what_stays_uncertain_is_told_beyond_the_limit_only() -> None:
     (text,) = zone_warnings(chances, swiss(), BlockBudget(0.05))
     assert "4.0 % of the zoned area changes level" in text and "limit of 5 %" in text
     assert "slight 40.0 %, residual 0.0 %" in text and "moderate" not in text
+    (text,) = zone_warnings(chances, swiss(), BlockBudget(0.05), reused=True)
+    assert "--reuse" in text and "blocks_max" not in text
     # Four places without a level: one of them gets one in half of the samples.
     more = np.repeat([[1.0, 0.0, 0.0, 0.0, 0.0, 0.0]], 4, axis=0)
     more[3, 1] = 0.5

@@ -194,7 +194,7 @@ def test_only_areas_near_a_changed_barrier_are_simulated_again(tmp_path: Path) -
     assert progress.reused == (1,) and 0 < len(chunks) < len(before)
     # All is as if all were simulated, in the rounds of the first result.
     run = compared_run(settings, again.run, along_slope=True)
-    assert len(run.rounds) >= progress.reused_rounds == len(first.run.rounds) > 1
+    assert len(run.rounds) == len(first.run.rounds) > 1
     assert_same(progress, simulate_map(again.run, again.planned))
     _assert_same_without(progress, run, again.planned)
     # And so it can be used once more: with nothing changed nothing is simulated.
