@@ -35,6 +35,7 @@ from sassgis.inputs.config import load_config
 from sassgis.inputs.vectors import release_features
 from sassgis.outputs.zone_tables import BatchSummary
 from sassgis.runs.resumable_run import Workplace, configured, workers_asked
+from sassgis.settings.hazard_rules import SHEET_SCALES
 from sassgis.settings.map_run import Config
 from sassgis.settings.results import file_stems
 from sassgis.settings.schema import InMemory, Input
@@ -119,6 +120,8 @@ def batch(
     tell = say or (lambda _text: None)
     folder = Path(out)
     loaded = batch_config(releases, config, dem, seed)
+    # Zones of neighbouring areas, and those of the mosaic, are drawn alike.
+    loaded = replace(loaded, zones=loaded.zones.at_scale(SHEET_SCALES[0]))
     candidates = find_areas(loaded)
     setting, notices = read_setting(loaded, candidates, mosaic_only)
     if loaded.run.ground_uncertainty:

@@ -21,6 +21,7 @@ from sassgis.cli.options import (
     command,
     notes,
     printed,
+    settings_as_options,
     several,
 )
 from sassgis.errors import collected_notices
@@ -57,7 +58,7 @@ def calibrate(
     if len(more) % 2:
         raise click.UsageError(f"{more[-1]}: a configuration without observations; give pairs")
     sites = [(config, observations), *zip(more[::2], more[1::2], strict=True)]
-    with at_work(given) as how:
+    with at_work(given) as how, settings_as_options({"classes": "--class"}):
         result = run_calibration(sites, out, **how)
     notes(calibration_warnings(result))
     click.echo(verdict(result))

@@ -10,6 +10,7 @@ import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 import click
@@ -205,16 +206,22 @@ def command(*parameters: Decorator, example: str, **more: Any) -> Callable[[Any]
 
 
 @contextmanager
-def settings_as_options() -> Iterator[None]:
-    """Have errors speak of the options of a command without a configuration, not of settings."""
+def settings_as_options(options: Mapping[str, str] = MappingProxyType({})) -> Iterator[None]:
+    """Have errors speak of the options of a command, not of settings.
+
+    ``options``: those of the command, by the field that an error names.
+    """
     from sassgis.errors import InputError
     from sassgis.inputs.dem_system import in_options
 
     try:
         yield
     except InputError as error:
-        texts = {"field": error.field, "expected": error.expected}
+        field = options.get(error.field or "", error.field)
+        texts = {"field": field, "expected": error.expected}
         stated = {key: text and in_options(text) for key, text in texts.items()}
+        if stated == {"field": error.field, "expected": error.expected}:
+            raise
         raise InputError(**error.parts(**stated)) from None
 
 

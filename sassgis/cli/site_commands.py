@@ -71,7 +71,8 @@ def fetch(
     from sassgis.outputs.terrain_fetch import fetch_terrain, find_tiles, read_search_area
 
     stated = {key: value for key, value in given.items() if value is not None}
-    area = read_search_area(polygon, layer)
+    with settings_as_options({"polygon.file": "POLYGON", "polygon.layer": "--layer"}):
+        area = read_search_area(polygon, layer)
     offers = find_tiles(area, float(resolution), timeout_s=timeout_s, **stated)
     if out is None:
         for offer in offers:
@@ -152,7 +153,8 @@ def cliffs(dem: Path, out: Path, **given: Any) -> None:
     """Propose release areas from the slopes of DEM; to be checked in the field."""
     from sassgis.runs.propose_release import propose_release
 
-    with settings_as_options():
+    names = {"file": "--ground", "layer": "--layer", "class_field": "--class-field"}
+    with settings_as_options({f"ground.{key}": option for key, option in names.items()}):
         proposal = propose_release(dem, out, **given)
     printed(proposal)
     click.echo(f"Wrote {out}. Check it, then: sassgis init --dem {dem} --release {out}")
@@ -344,7 +346,9 @@ def frequency(blocks: Path, scenarios: str, as_json: bool, **given: Any) -> None
         limits = [float(part) for part in scenarios.split(",") if part.strip()]
     except ValueError:
         raise click.UsageError("--scenarios are volumes with commas between, as 0.1,1,10") from None
-    printed(scenario_frequencies(blocks, limits, **given), as_json)
+    with settings_as_options({"completeness volume": "--complete-from"}):
+        found = scenario_frequencies(blocks, limits, **given)
+    printed(found, as_json)
 
 
 @command(

@@ -155,6 +155,7 @@ def zone_extras(rules: Rules, found: Assessment, done: Simulation, figures: Path
         facts={
             "preset": f"{preset.name}: {preset.title}",
             "hazard_ref_width_m": width,
+            "zones_scale": found.drawing.scale,
             "confidence": confidence,
             "changed_share": round(hazard.changed_share, 4),
             **_changed_by_level(hazard, preset),

@@ -9,7 +9,7 @@ from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
-from sassgis.errors import ConfigError
+from sassgis.errors import ConfigError, InputError
 from sassgis.hazard.volume_frequency import (
     Estimate,
     PowerLaw,
@@ -158,7 +158,10 @@ def scenario_frequencies(
     survey, left_out = read_block_survey(file)
     largest = math.inf if up_to is None else up_to
     _check_limits(limits, complete_from, min(largest, 1000.0))
-    law = fit_power_law(survey, complete_from, largest)
+    try:
+        law = fit_power_law(survey, complete_from, largest)
+    except InputError as error:
+        raise InputError(**error.parts(file=file)) from None
     distance, p = fit_test(law)
     if years is not None:
         rate = law.survey.blocks / years
