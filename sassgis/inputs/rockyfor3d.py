@@ -257,6 +257,7 @@ def _ground(
         if number not in known:
             raise wrong("holds a soil type that is not known", found=f"{number:g}")
     rough = {n: folder.read(n) for n in ("rg70", "rg20", "rg10") if folder.has(n)}
+    known_cells = np.isfinite(soil).sum()
     for number in map(int, present):
         own, here = known[number], soil == number
         heights = ", ".join(
@@ -265,7 +266,8 @@ def _ground(
             if np.isfinite(v[here]).any()
         )
         out.notes.append(
-            f"Soil type {number} ({own.name}), {100.0 * here.mean():.1f} % of the cells, is ground "
+            f"Soil type {number} ({own.name}), {100.0 * here.sum() / known_cells:.1f} % of the "
+            "cells with a soil type, is ground "
             f"class {own.ground_class}" + (f"; mean of {heights}." if heights else ".")
         )
     out.notes.append(

@@ -79,6 +79,10 @@ def profile_lines(result: ProfileResult) -> Lines:
     bins = np.maximum(np.ceil(result.rocks["runout_m"][started]) - 1.0, 0.0).astype(np.int64)
     text = "median {} m, 95 % of the blocks within {} m, longest {} m (chainage)"
     words = runout_words(np.bincount(bins), text)
+    left = int(np.sum(result.rocks["reason"] == StopReason.LEFT_PROFILE))
+    if left:
+        text = "{}. {} of {} blocks left the profile: their run-outs are longer."
+        words = phrase(text, words, left, result.rocks.size)
     lines = [("Run-out", words)] if words else []
     for k, (line, _) in enumerate(result.profile.control_lines):
         energy = result.control_lines.distribution(k, "energy_kj")
@@ -179,7 +183,12 @@ def line_figure(shown: LinePaths) -> Figure:
 
 
 def station_figures(
-    control_lines: ControlLineSums, n: int, folder: Path, caption: str, alts: Mapping[str, str]
+    control_lines: ControlLineSums,
+    n: int,
+    pieces: int,
+    folder: Path,
+    caption: str,
+    alts: Mapping[str, str],
 ) -> list[ReportFigure]:
     """Draw a figure for each station or barrier that blocks reach; ``alts`` by its name."""
     lines = control_lines.control_lines
@@ -192,8 +201,9 @@ def station_figures(
         ]
         name, kind = lines[i].name, lines[i].kind
         title = named(name) if kind == "station" else phrase("{} ({})", name, phrase(kind))
-        figure = figures.station_figure(title, *bins, n=n)
-        title, alt = phrase("Passing blocks: {}", name), alts.get(name, "")
+        figure = figures.station_figure(title, *bins, n=n, pieces=pieces)
+        text = "Passing blocks: {}" if kind == "station" else "Arriving blocks: {}"
+        title, alt = phrase(text, name), alts.get(name, "")
         out.append(picture(folder, f"station_{stem}", title, caption, figure, alt))
     return out
 
@@ -223,7 +233,8 @@ _CONTROL_LINE_TABLES = (
         "height, 95 % | m; energy, median | kJ; energy, 95 % | kJ; energy, 99 % | kJ",
         "name rocks speed_mps_q50 speed_mps_q95 rotation_hz_q95 height_m_q95 energy_kj_q50 "
         "energy_kj_q95 energy_kj_q99",
-        "First downhill passage of each block, with all barriers of the configuration.",
+        "First downhill passage of each block, fragment and entrained block, with all barriers "
+        "of the configuration.",
     ),
     (
         "Barriers",
@@ -306,9 +317,9 @@ def _ground_table(run: MapRun, reached: IntArray) -> ReportTable:
 def passing_figures(progress: Progress, folder: Path) -> list[ReportFigure]:
     """Draw what passes each station and barrier that blocks reach."""
     total = int(progress.reasons.sum())
-    caption = "First downhill passage of each block, with all barriers of the configuration."
+    caption = _CONTROL_LINE_TABLES[0][-1]
     alts = {row["name"]: station_alt(row) for row in control_line_rows(progress.control_lines)}
-    return station_figures(progress.control_lines, total, folder, caption, alts)
+    return station_figures(progress.control_lines, total, progress.pieces, folder, caption, alts)
 
 
 def block_pictures(
@@ -432,6 +443,10 @@ def map_report(
     )  # fmt: skip
 
 
+#: Reasons of blocks that came to a halt.
+_STOPPED = (StopReason.REST, StopReason.BARRIER)
+
+
 def profile_panel(result: ProfileResult, title: str = "") -> figures.ProfilePanel:
     """Return the slope with trajectories, control lines and stops, for one or several panels."""
     p = result.profile
@@ -444,7 +459,7 @@ def profile_panel(result: ProfileResult, title: str = "") -> figures.ProfilePane
         ground=p.ground.astype(np.int64),
         ground_names=[ground_name(name) for name in p.table.names],
         control_lines=[(g, c, float(np.interp(c, p.s, p.z))) for g, c in p.control_lines],
-        stops=ended["runout_m"][drawn],
+        stops=ended["runout_m"][drawn & np.isin(ended["reason"], _STOPPED)],
         title=title or p.name,
     )
 
@@ -511,4 +526,6 @@ def _profile_pictures(result: ProfileResult, folder: Path) -> list[ReportFigure]
     figure = figures.runout_figure(edges, counts)
     out.append(picture(folder, "runout", "Run-out", caption, figure))
     caption = "First downhill passage."
-    return out + station_figures(result.control_lines, result.rocks.size, folder, caption, {})
+    return out + station_figures(
+        result.control_lines, result.rocks.size, result.pieces.size, folder, caption, {}
+    )

@@ -312,7 +312,7 @@ STOP_TEXT = {
     StopReason.REST: "rest",
     StopReason.BARRIER: "barrier",
     StopReason.LEFT_PROFILE: "left the profile",
-    StopReason.STEP_LIMIT: "contact limit",
+    StopReason.STEP_LIMIT: "aborted",
     StopReason.NEVER_STARTED: "never started",
     StopReason.BROKEN: "broke into fragments",
 }

@@ -373,7 +373,7 @@ def test_a_run_arrives_in_order_and_styled(seen: dict[str, Any], slope: Slope) -
     layers = leaves(call["tree"])
     assert all(layer["valid"] for layer in layers)
     renderers = {layer["name"]: layer["renderer"] for layer in layers}
-    assert renderers["Barriers"] == renderers["Deposits"] == "categorizedSymbol"
+    assert renderers["Barriers"] == renderers["Where blocks end"] == "categorizedSymbol"
     maps = leaves(groups["Maps"]["within"])
     assert {layer["renderer"] for layer in maps} == {"singlebandpseudocolor"}
     assert [layer["visible"] for layer in maps].count(True) == 1

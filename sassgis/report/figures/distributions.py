@@ -103,7 +103,7 @@ _REASONS = {
     StopReason.REST: ("at rest", style.BLUE),
     StopReason.BARRIER: ("stopped by a barrier", style.VERMILION),
     StopReason.LEFT_PROFILE: ("left the profile", style.ORANGE),
-    StopReason.STEP_LIMIT: ("aborted (contact limit)", style.PURPLE),
+    StopReason.STEP_LIMIT: ("aborted", style.PURPLE),
     StopReason.NEVER_STARTED: ("never started", "#8c8c8c"),
     StopReason.BROKEN: ("broke into fragments", "#3d3d3d"),
 }
@@ -138,12 +138,16 @@ def _panel(ax: Axes, name: str, histogram: Histogram, log: bool) -> None:
 
 
 @style.house_style()
-def station_figure(name: str, *histograms: Histogram, n: int) -> Figure:
-    """Draw speed, rotation, height and energy of the blocks that pass a station, of n in all."""
-    passed = thousands(int(np.sum(histograms[0].counts)))
-    figure = style.Sheet(
-        name, phrase("{} of {} simulated blocks pass", passed, thousands(n)), 4.1
-    ).figure
+def station_figure(name: str, *histograms: Histogram, n: int, pieces: int = 0) -> Figure:
+    """Draw speed, rotation, height and energy of the blocks that arrive at a station or barrier.
+
+    They are of n released blocks and so many fragments and entrained blocks.
+    """
+    text = "{} of {} simulated blocks arrive"
+    if pieces:
+        text = "{} of {} blocks, fragments and entrained blocks arrive"
+    arrived = thousands(int(np.sum(histograms[0].counts)))
+    figure = style.Sheet(name, phrase(text, arrived, thousands(n + pieces)), 4.1).figure
     axes = figure.subplots(2, 2)
     quantities = ("speed", "rotation", "passing height", "kinetic energy")
     for ax, quantity, histogram in zip(axes.flat, quantities, histograms, strict=True):
@@ -163,6 +167,9 @@ def runout_figure(
     """
     total = np.sum(list(counts.values()), axis=0, dtype=float)
     kinds = {reason: int(np.sum(n)) for reason, n in counts.items() if np.any(n)}
+    # As in the run-out in words; where none started, all are drawn.
+    started = total - counts.get(StopReason.NEVER_STARTED, 0)
+    started = started if started.any() else total
     open_end = kinds.get(StopReason.LEFT_PROFILE, 0) + kinds.get(StopReason.STEP_LIMIT, 0)
     note = ""
     if open_end:
@@ -174,14 +181,14 @@ def runout_figure(
             "{} blocks of {} were still moving at the end of the computation; the true shares lie "
             "on or above the line"
         )
-        note = counted(open_end, one, more, thousands(open_end), thousands(total.sum()))
+        note = counted(open_end, one, more, thousands(open_end), thousands(started.sum()))
     sheet = style.Sheet(title, note, 3.6)
     upper, lower = sheet.figure.subplots(2, 1, sharex=True, height_ratios=(1.0, 1.15))
     # At the lower edge of a bin all blocks of the bin and of those beyond are still moving;
     # between the edges a straight line claims least.
-    beyond = 100.0 * (1.0 - np.append(0.0, np.cumsum(total)) / total.sum())
+    beyond = 100.0 * (1.0 - np.append(0.0, np.cumsum(started)) / started.sum())
     upper.plot(edges, beyond, color=style.INK, lw=1.4, gid="exceedance")
-    upper.set(ylabel="blocks that get\nat least so far", ylim=(0.0, 104.0))
+    upper.set(ylabel="started blocks that\nget at least so far", ylim=(0.0, 104.0))
     upper.yaxis.set_major_formatter(style.percent_formatter())
     used = np.flatnonzero(total)
     width, first, last = edges[1] - edges[0], used[0], used[-1] + 1
