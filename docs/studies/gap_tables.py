@@ -93,34 +93,23 @@ def shares() -> dict[str, dict[str, Any]]:
 def added() -> str:
     """What each step closes on held-out rocks, what is left, and what it does at other sites."""
     found, rows = steps(), []
-    stops = {rung["rung"]: rung["distance"] for rung in found["authume"]}
     for name, rung in shares().items():
         if name not in found["chant_sura"]:
             continue
         off = found["left_out"][name]
-        closed, gain = "", ""
-        if rung["share"] is not None:
-            closed = percent(rung["share"], rung["ci95"], "")
-        if name in found["steps"]:
-            value, low, high = (
-                f"{v:.1f}".replace("-0.0", "0.0").replace("-", "−")
-                for v in (rung["gain"], *rung["gain_ci95"])
-            )
-            gain = f"{value} ({low} to {high}) beyond {found['steps'][name]}"
+        closed = "" if rung["share"] is None else percent(rung["share"], rung["ci95"], "")
         cells = [
-            name, number(rung["distance"]), closed, gain,
+            name, number(rung["distance"]), closed,
             *(f"{whole(off[q]['error'][k], '+')} %" for q, k in (
                 ("speed 60 m", MEDIAN), ("height 60 m", HIGH), ("contacts", MEDIAN),
                 ("run-out", MEDIAN),
             )),
             f"{whole(found['chant_sura'][name]['speed_error'][MEDIAN], '+')} %",
-            number(stops[name], 2),
         ]  # fmt: skip
         rows.append(" | ".join(cells))
     return table(
-        "model | energy distance | gap closed (95 %) | gain (95 %) | speed at 60 m, 50 % | height "
-        "at 60 m, 90 % | contacts, 50 % | run-out, 50 % | Chant Sura: speed, 50 % | Authume: "
-        "energy distance",
+        "model | energy distance | gap closed (95 %) | speed at 60 m, 50 % | height at 60 m, 90 % "
+        "| contacts, 50 % | run-out, 50 % | Chant Sura: speed, 50 %",
         rows,
     )
 

@@ -44,7 +44,7 @@ def discretisation() -> str:
     found = found[found["slope"] == "valley"]
     lengths = found.groupby("tolerance_m")["segment_length_m"].first()
     rows = [" | ".join(["*segment length (m)*", *(f"*{v:.1f}*" for v in lengths), ""])]
-    found = found[~found["quantity"].str.contains("arrivals|run-out 25 %| at 60 m ")]
+    found = found[~found["quantity"].str.contains("arrivals|run-out 25 %| at (?:60|150) m ")]
     for quantity, own in found.groupby("quantity", sort=False):
         half = 0.5 * (own["high_95"] - own["low_95"]).max()
         rows.append(" | ".join([quantity, *map(rounded, own["value"]), f"± {rounded(half, 2)}"]))
@@ -108,7 +108,7 @@ def class_label(site: str, label: str) -> str:
 
 def field_untuned() -> str:
     """Stops with classes chosen by the description alone, and two other choices."""
-    rows = []
+    rows, seen = [], {}
     for key, label in (
         ("built_in", "`{own}`"),
         ("class_of_the_other_site", "`{other}`"),
@@ -120,17 +120,14 @@ def field_untuned() -> str:
             width = error_95(one["width_error"], one["width_error_95"])
             beyond = one["beyond"]
             observed, simulated = (100.0 * beyond[side] for side in ("observed", "simulated"))
+            edge = f"{observed:.0f} % beyond {beyond['edge_m']:.0f} m"
+            seen[name] = f"{name} {metres(one['observed_m'])} m, {edge}"
             rows.append(
-                f"{class_label(name, label)} | {metres(one['observed_m'])} | "
-                f"{metres(one['simulated_m'])} | {middle} | {far} | {width} | "
-                f"{beyond['edge_m']:.0f} m: {observed:.0f} / {simulated:.0f} % | "
-                f"{100.0 * one['left_the_terrain']:.0f} %"
+                f"{class_label(name, label)} | {metres(one['simulated_m'])} | {middle} | {far} | "
+                f"{width} | {simulated:.0f} %"
             )
-    return table(
-        "site, class of the slope | observed 10 / 50 / 90 % (m) | simulated | median | 90 % | "
-        "width | stopped beyond | left the terrain",
-        rows,
-    )
+    head = "site, class of the slope | 10 / 50 / 90 % (m) | median | 90 % | width | beyond"
+    return f"{table(head, rows)}\n\nObserved: {'; '.join(seen.values())}."
 
 
 def field_left_out() -> str:
@@ -158,7 +155,7 @@ def field_left_out() -> str:
 
 
 def authume() -> str:
-    """Quantiles of the run-out at Authume: observed with limits, predicted, and with one change."""
+    """10, 50 and 90 % of the run-out at Authume: observed, predicted, and with one change."""
     found = results("authume/results")
     seen = [f"{v:.1f} ({low:.1f}–{high:.1f})" for v, low, high in found["plan_m"]["observed"]]
     edge = found["beyond_the_edge"]
@@ -172,13 +169,13 @@ def authume() -> str:
         " | ".join(
             [
                 name,
-                *(v if isinstance(v, str) else f"{v:.1f}" for v in values),
+                *(v if isinstance(v, str) else f"{v:.1f}" for v in values[::2]),
                 f"{rounded(100.0 * share, 2)} %",
             ]
         )
         for name, (values, share) in cells.items()
     ]
-    shares = " | ".join(f"{100.0 * share:.0f} %" for share in found["plan_m"]["shares"])
+    shares = " | ".join(f"{100.0 * share:.0f} %" for share in found["plan_m"]["shares"][::2])
     return table(f"run-out (m) | {shares} | beyond the edge", rows)
 
 
@@ -219,9 +216,8 @@ SLOPES = {
 def speed_slope() -> str:
     """Blocks per second on the benchmark slope, and walks of SAGA."""
     row = (
-        "{label} | {trajectories_per_s_and_core:,.0f} | {further_trajectories_per_s:,.0f} | "
-        "{walks:,.0f} ({ratio_whole:.1f}) | {first_call_compiling_s:.0f} / "
-        "{first_call_from_cache_s:.1f} | {peak_mb:.0f}"
+        "{label} | {trajectories_per_s_and_core:,.0f} | {walks:,.0f} ({ratio_whole:.1f}) | "
+        "{first_call_compiling_s:.0f} / {first_call_from_cache_s:.1f} | {peak_mb:.0f}"
     )
     rows = []
     for name, label in SLOPES.items():
@@ -230,21 +226,22 @@ def speed_slope() -> str:
         walks = one["saga"]["walks"] / seconds[len(seconds) // 2]
         rows.append(row.format(label=label, walks=walks, **one))
     return table(
-        "slope | blocks/s, whole | without set-up | SAGA, walks/s | "
-        "first call, compiling / from the cache (s) | memory (MB)",
+        "slope | blocks/s | SAGA, walks/s | first call, compiling / from the cache (s) | "
+        "memory (MB)",
         rows,
     )
 
 
 def speed_effects() -> str:
-    """What each effect costs."""
-    return table(
-        "effect | time, none = 1 | mean run-out (m) | fragments and entrained blocks",
-        (
-            f"{name} | {one['ratio']:.2f} | {one['mean_runout_m']:.0f} | {one['pieces']}"
-            for name, one in results("speed/effects").items()
-        ),
-    )
+    """What each effect costs, as a sentence."""
+    costs = []
+    for name, one in results("speed/effects").items():
+        effect, _, form = name.partition(", ")
+        words = [form, f"{one['pieces']:,} more blocks" if one["pieces"] else ""]
+        within = ", ".join(filter(None, words))
+        if name not in ("none", "off"):
+            costs.append(f"`{effect}` {one['ratio']:.2f}" + f" ({within})" * bool(within))
+    return "; ".join(costs) + "."
 
 
 def speed_peers() -> str:
@@ -257,12 +254,11 @@ def speed_peers() -> str:
     rows = []
     for name, one in results("speed/peers").items():
         program = f"{name} {one.get('version', '')}".strip()
-        found = f"– | {one.get('failure')} | –"
+        found = f"{one.get('failure')} | –"
         if "failure" not in one:
-            times = f"{one['sassgis_times']:,.0f} times as many" if name != "sassgis" else "–"
-            found = f"{one['rocks_per_s']:,.0f} | {times} | {one['median_stop_m']:.0f}"
+            found = f"{one['rocks_per_s']:,.0f} | {one['median_stop_m']:.0f}"
         rows.append(f"{program} | {what[name]} | {found}")
-    return table("program | rock | contact | rocks/s | sassgis makes | median stop (m)", rows)
+    return table("program | rock | contact | rocks/s | median stop (m)", rows)
 
 
 def changed_shares(own: pd.Series[float]) -> str:
@@ -286,18 +282,14 @@ def zone_seeds() -> str:
     return table(f"site | blocks | {CHANGED} | changes in `compare`", rows)
 
 
-#: The only block of 40 kg.
-PLATE = "run-out of 40 kg"
-
-
 def kinematics_tschamut() -> str:
-    """Motion at Tschamut, observed and simulated: all rocks, and the run-out of the plate."""
+    """Motion at Tschamut, observed and simulated."""
     rows = []
     for name, one in results("kinematics/results")["tschamut"].items():
-        if " of " in name and name != PLATE:
+        if " of " in name or name.startswith("greatest"):
             continue
         seen, made = one["observed"], one["simulated"]
-        digits = 1 if name.startswith(("speed", "greatest")) else 2
+        digits = 1 if name.startswith("speed") else 2
         digits = 0 if name.startswith(("run-out", "contacts")) else digits
         cells = (" / ".join(f"{v:.{digits}f}" for v in values[1:]) for values in (seen, made))
         rows.append(
@@ -311,7 +303,6 @@ _UNITS = {
     "energy": " (kJ)",
     "speed": " (m/s)",
     "height": " (m)",
-    "greatest": " (m/s)",
     "hop": " (m)",
 }
 
@@ -323,9 +314,10 @@ def _off(one: dict[str, list[float]]) -> str:
 
 
 def kinematics_slopes() -> str:
-    """95 % of speeds and heights on even slopes: a row for each class, a column for each size."""
+    """95 % of speeds and heights on even slopes: a row for each class, columns for two sizes."""
     cells: dict[str, dict[str, list[str]]] = {}
     found = [one for one in results("kinematics/results")["slopes"] if one["drop_m"] == 200.0]
+    found = [one for one in found if one["volume_m3"] != 1.0]
     for quantity, spec in (("speed", ".0f"), ("height", ".1f")):
         for one in found:
             own = cells.setdefault(one["class"], {})
@@ -352,17 +344,12 @@ def tirol() -> str:
     """Maps of three terrains."""
     rows = []
     for site, one in results("tirol/results").items():
-        levels = " / ".join(f"{v:.1f}" for v in reversed(one["level_ha"]))
         rows.append(
             f"{site} | {one['speed'][0]:.0f} / {one['speed'][1]:.0f} | "
             f"{one['passing_height'][0]:.1f} / {one['passing_height'][1]:.1f} | "
-            f"{one['energy'][0]:.0f} / {one['energy'][1]:.0f} | {levels}"
+            f"{one['energy'][0]:.0f} / {one['energy'][1]:.0f}"
         )
-    return table(
-        "terrain | speed (m/s) | passing height (m) | energy (kJ) | "
-        "red / blue / yellow / hatched (ha)",
-        rows,
-    )
+    return table("terrain | speed (m/s) | passing height (m) | energy (kJ)", rows)
 
 
 #: By the name of the mark.

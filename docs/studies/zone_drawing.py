@@ -61,14 +61,13 @@ def samples(data: Path, out: Path) -> None:
 
 
 def facts(zones: Coverage, grid: Grid, cells: np.ndarray, unsure: BoolArray) -> str:
-    """Number of zones, the smallest, how many are unsure, and red on residual, as four columns."""
+    """Number of zones, how many are unsure, and red on residual, as three columns."""
     zone = zone_of_cells(zones, grid, cells)
     n = zones.polygons.size
     inside = np.bincount(zone[zone >= 0], minlength=n)
     share = np.bincount(zone[zone >= 0], unsure[zone >= 0], n) / np.maximum(inside, 1)
-    smallest = shapely.area(zones.polygons).min()
     beside = 100.0 * red_on_residual(zones)
-    return f"{n} | {smallest:,.0f} | {(share > UNSURE).sum()} | {beside:.0f} %"
+    return f"{n} | {(share > UNSURE).sum()} | {beside:.0f} %"
 
 
 def red_on_residual(zones: Coverage) -> float:
@@ -107,10 +106,10 @@ def main() -> None:
     given.output.mkdir(parents=True, exist_ok=True)
     samples(given.data, given.output)
     columns = " | ".join(
-        f"{what}: number | smallest (m²) | unsure | red on residual"
+        f"{what}: number | unsure | red on residual"
         for what in ("cells", *map("1:{:,}".format, SCALES))
     )
-    rows = [f"| site | {columns} |", "|---" * 13 + "|"]
+    rows = [f"| site | {columns} |", "|---" * 10 + "|"]
     shown = []
     for name in SITES:
         curves, grid = read_sample(given.output / f"{name}_1.npz")
