@@ -46,7 +46,7 @@ from study_tables import between_marks, table
 
 from sassgis.errors import InputError
 from sassgis.gap.causes.all_causes import CAUSES, STATISTICS
-from sassgis.gap.constants import FIT_DRAWS
+from sassgis.gap.constants import FIT_DRAWS, SHOWING_GAIN
 from sassgis.gap.diagnosis import CauseGain, Fingerprint
 from sassgis.gap.fit.hypothesis_fit import CONTACT_LAW, NONE, UNKNOWN, HypothesisFits
 from sassgis.gap.fit.linear_fit import summary_of
@@ -100,8 +100,6 @@ FIXED = (
     "site", "law", "slope", "effects", "strengths", "disturbance", "rocks", "kind", "adequate",
     "excess", "against",
 )  # fmt: skip
-#: Limits of the sureness of a gain in the table of those that reach it.
-REACHED = (2, 3, 5, 8)
 #: Columns of each cause that was tried: what it closes, standard errors, power.
 GAINS = ("share", "sureness", "power")
 
@@ -459,13 +457,12 @@ def by_generator() -> str:
         "null_right": "no effect, and none is answered",
         "unknown_named": "no known effect, yet one is named",
         "wrong_named": "an effect, yet another one is named",
-        "family_full": "effect right, where it could be seen: 100 rocks, everything",
-        "family_modest": "effect right, where it could be seen: 40 rocks, stations and stops",
-        "family_full_all": "effect right, seen or not: 100 rocks, everything",
-        "family_modest_all": "effect right, seen or not: 40 rocks, stations and stops",
+        "family_full": "right, could be seen: 100 rocks, everything",
+        "family_modest": "right, could be seen: 40 rocks, stations and stops",
+        "family_full_all": "right, seen or not: 100 rocks, everything",
+        "family_modest_all": "right, seen or not: 40 rocks, stations and stops",
         "pair_one_none_wrong": "two effects: one right and none wrong",
         "confident_right": "right where the confidence is 0.6 or more",
-        "none_while_large": "large gaps, answer none",
         "covered_everything": "truth in the confusion set, everything",
         "covered_otherwise": "truth in the confusion set, otherwise",
     }
@@ -509,7 +506,7 @@ def adequacy() -> str:
     rows = []
     for kind, words in (
         ("", "nothing"),
-        ("patch", "a patch of another ground that no map shows"),
+        ("patch", "a patch of unmapped ground"),
         ("speed_loss", "a loss at contacts that grows with the speed"),
     ):
         own = [r for r in sites if r["disturbance"] == kind]
@@ -520,17 +517,18 @@ def adequacy() -> str:
 
 
 def level() -> str:
-    """Campaigns of a model that the check calls inadequate for that model, by generator."""
+    """Campaigns of a model that the check calls inadequate for that model, as a sentence."""
     sites = read_rows(LEVEL)
     shown = [
-        f"{sum(int(r['inadequate']) for r in own)}/{sum(int(r['campaigns']) for r in own)}"
+        f"{sum(int(r['inadequate']) for r in own)} of {sum(int(r['campaigns']) for r in own)}"
         for own in (sites, *([r for r in sites if r["law"] == law] for law in LAWS))
     ]
-    return table(" | ".join(["all", *LAWS]), [" | ".join(shown)])
+    laws = ", ".join(f"{law} {one}" for law, one in zip(LAWS, shown[1:], strict=True))
+    return f"{shown[0]} ({laws})."
 
 
 def reached() -> str:
-    """How many gains reach a sureness, of causes that act and of causes that do not."""
+    """How many gains reach the sureness of a named cause: those that act and those that do not."""
     acts, absent, most = [], [], []
     for row in read_rows():
         gains = {n: g.sureness for n, g in evidence(row)[1].items() if CAUSES[n].closes}
@@ -538,15 +536,10 @@ def reached() -> str:
         own = [sure for name, sure in gains.items() if name not in known_of(row)]
         absent += own
         most.append(max(own, default=-math.inf))
-    rows = []
-    for words, sure in (
-        ("causes that act", acts),
-        ("causes that do not", absent),
-        ("sites with one that does not", most),
-    ):
-        counts = [f"{sum(one >= limit for one in sure)}/{len(sure)}" for limit in REACHED]
-        rows.append(" | ".join([words, *counts]))
-    return table(" | ".join(["", *(f"{limit} and more" for limit in REACHED)]), rows)
+    acting, others, sites = (
+        f"{sum(one >= SHOWING_GAIN for one in sure)} of {len(sure)}" for sure in (acts, absent, most)
+    )
+    return f"{acting} causes that act reach it, {others} that do not, at {sites} sites."
 
 
 def with_headline(text: str) -> str:

@@ -155,25 +155,14 @@ def field_left_out() -> str:
 
 
 def authume() -> str:
-    """10, 50 and 90 % of the run-out at Authume: observed, predicted, and with one change."""
+    """10, 50 and 90 % of the run-out at Authume: observed with limits, and predicted."""
     found = results("authume/results")
     seen = [f"{v:.1f} ({low:.1f}–{high:.1f})" for v, low, high in found["plan_m"]["observed"]]
+    made = [f"{v:.1f}" for v in found["plan_m"]["predicted"]]
     edge = found["beyond_the_edge"]
-    cells = {
-        "observed": (seen, edge["observed_share"]),
-        "predicted": (found["plan_m"]["predicted"], edge["predicted_share"]),
-    }
-    for name, one in found["other_readings"].items():
-        cells[f"… {name.removeprefix('engine.')}"] = (one["plan_m"], one["share_beyond_the_edge"])
     rows = [
-        " | ".join(
-            [
-                name,
-                *(v if isinstance(v, str) else f"{v:.1f}" for v in values[::2]),
-                f"{rounded(100.0 * share, 2)} %",
-            ]
-        )
-        for name, (values, share) in cells.items()
+        " | ".join([name, *values[::2], f"{rounded(100.0 * edge[f'{name}_share'], 2)} %"])
+        for name, values in (("observed", seen), ("predicted", made))
     ]
     shares = " | ".join(f"{100.0 * share:.0f} %" for share in found["plan_m"]["shares"][::2])
     return table(f"run-out (m) | {shares} | beyond the edge", rows)
@@ -208,8 +197,6 @@ SLOPES = {
     "plain": "plain, fall lines",
     "rough": "rough, fall lines",
     "followed": "plain, followed paths",
-    "plain_1986": "plain, fall lines, assumptions of 1986",
-    "followed_1986": "plain, followed paths, assumptions of 1986",
 }
 
 
@@ -341,15 +328,17 @@ def kinematics_fan() -> str:
 
 
 def tirol() -> str:
-    """Maps of three terrains."""
-    rows = []
-    for site, one in results("tirol/results").items():
-        rows.append(
-            f"{site} | {one['speed'][0]:.0f} / {one['speed'][1]:.0f} | "
-            f"{one['passing_height'][0]:.1f} / {one['passing_height'][1]:.1f} | "
-            f"{one['energy'][0]:.0f} / {one['energy'][1]:.0f}"
-        )
-    return table("terrain | speed (m/s) | passing height (m) | energy (kJ)", rows)
+    """Least and largest of three terrains, as a sentence."""
+    sites = results("tirol/results").values()
+    parts = []
+    for key, name, spec in (
+        ("speed", "speeds {} m/s", ".0f"),
+        ("passing_height", "passing heights {} m", ".1f"),
+        ("energy", "energies {} kJ", ".0f"),
+    ):
+        ranges = ([one[key][k] for one in sites] for k in (0, 1))
+        parts.append(name.format(" / ".join(f"{min(v):{spec}} to {max(v):{spec}}" for v in ranges)))
+    return f"{', '.join(parts)}."
 
 
 #: By the name of the mark.
