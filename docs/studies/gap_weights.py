@@ -537,7 +537,7 @@ def reached() -> str:
         absent += own
         most.append(max(own, default=-math.inf))
     acting, others, sites = (
-        f"{sum(one >= SHOWING_GAIN for one in sure)} of {len(sure)}" for sure in (acts, absent, most)
+        f"{sum(z >= SHOWING_GAIN for z in sure)} of {len(sure)}" for sure in (acts, absent, most)
     )
     return f"{acting} causes that act reach it, {others} that do not, at {sites} sites."
 
