@@ -29,23 +29,18 @@ _HEAD = f"""\
 
 # Configuration
 
-With this page you look up a key of the TOML file that describes a run ([how to write
+Here you look up a key of the TOML file that describes a run ([how to write
 one](starting.md#the-configuration)). Paths are relative to the configuration. Names end in their
 [unit](conventions.md#units). A *range* is `[low, high]`; a single number sets both limits. `layer`
 is needed where a file has several. `…_field` names an attribute that holds the value of each
 feature. Unknown keys and texts of more than {LONGEST_TEXT} characters are errors. *needed*: no
 default; –: may be left out.
 
-| run | needs |
-|---|---|
-| on the map | `terrain.dem`, `release.file`, one `[[blocks]]` |
-| along one profile | `[profile]` (or `--csv`, `--point`, `--line`), one `[[blocks]]` |
+A run on the map needs `terrain.dem`, `release.file` and one `[[blocks]]`; a run along one profile
+`[profile]` (or `--csv`, `--point`, `--line`) and one `[[blocks]]`.
 
 Terrain, release, ground, blocks, stations, barriers, effects, engine and run (except `jobs` and
-`ground_uncertainty`) may change the simulated blocks; paths of files, numbers of cores and output
-settings do not.
-
-An empty section of an [effect](effects.md) turns it on with its defaults.
+`ground_uncertainty`) may change the simulated blocks; paths of files and output settings do not.
 """
 
 _INTRO = {
@@ -53,19 +48,19 @@ _INTRO = {
     "terrain": "[Terrain and paths](terrain.md).",
     "release": "[Release points](terrain.md#release-points).",
     "ground": "The [ground class](model.md#ground-classes) of each cell.",
-    "blocks": "One section for each block scenario. State the size by three semi-axes or by a "
-    "volume. Values are drawn uniformly between the limits of a range, volumes by "
-    "`volume_exponent`. Zones need an onset frequency ([hazard](hazard.md)).",
-    "stations": "Control lines that record passing blocks, one section each. Place them by one of "
-    "`line`, `file`, `chainage_m`.",
-    "barriers": "Walls, nets and [galleries](model.md#galleries), one section each. `kind` and "
-    "`height_m` are needed, of galleries also `width_m` and `cushion_kpa`. Names of stations and "
+    "blocks": "One section for each block scenario. State three semi-axes or a volume. Values are "
+    "drawn uniformly within a range, volumes by `volume_exponent`. [Zones](hazard.md) need an "
+    "onset frequency.",
+    "stations": "Control lines that record passing blocks, one section each, placed by `line`, "
+    "`file` or `chainage_m`.",
+    "barriers": "Walls, nets and [galleries](model.md#galleries), one section each. They need "
+    "`kind` and `height_m`, galleries also `width_m` and `cushion_kpa`. Names of stations and "
     "barriers must differ.",
-    "engine": "[Modelling assumptions](model.md#modelling-assumptions). Keys without a default "
-    "take it from `readings`.",
+    "engine": "[Modelling assumptions](model.md#modelling-assumptions). `readings` sets the keys "
+    "without a default.",
     "profile": "For `sassgis profile`.",
     "hazard": "[Intensities and hazard levels](hazard.md), for `sassgis zone`.",
-    "zones": "[From cells to polygons](zones.md). Defaults are those of the preset.",
+    "zones": "[From cells to polygons](zones.md). Defaults: those of the preset (mm) at the scale.",
     "edits": "Polygons in which an expert sets the hazard level ([edits](zones.md#edits-by-hand)).",
     "risk": "[Risk](risk.md) of exposed objects.",
     "objects": "[Exposed objects](risk.md), one section for each layer.",
@@ -88,8 +83,7 @@ _EXPLAINED = {
     "blocks.onset_above_m3": "with volume_exponent: onset_frequency counts blocks larger than this "
     "(m3)",
     "engine.readings": "named [set of assumptions](model.md#two-sets-of-assumptions)",
-    "engine.block": 'shape of the block; `"point"` is a [mass point](studies/point.md) and '
-    'needs another eta_max_rule than "scale"',
+    "engine.block": '`"point"`: a [mass point](studies/point.md); eta_max_rule may not be "scale"',
     "engine.eta_max_rule": "law of impact",
     "engine.slope_variation": "whether each impact varies the slope",
     "engine.rolling_threshold": "a bounce below this share of the radius ends in a soft landing",
@@ -126,7 +120,7 @@ _EXPLAINED = {
     "sample may change; default: 0.02",
     "hazard.blocks_max": "with auto: most blocks; default: 10 million",
     "hazard.minutes_max": "with auto: longest simulation (minutes, about); default: 60",
-    "zones.min_width_m": "least width of a zone; default: that of the preset (mm) at the scale",
+    "zones.min_width_m": "least width of a zone",
     "zones.min_area_m2": "smallest area of a zone and of a hole in one",
     "zones.closing_m": "gaps and slots up to this width are closed; at least release.spacing_m",
     "zones.envelope_m": "gaps in the outer limit that are closed; default: six reference widths",
@@ -152,7 +146,7 @@ def kind(annotation: Any) -> str:
         return kind(next(a for a in get_args(annotation) if a is not type(None)))
     if origin is Literal:
         words = [f'`"{a}"`' for a in get_args(annotation)]
-        return " or ".join(words) if len(words) < 10 else f"{words[0]}, …, {words[-1]}"
+        return ", ".join(words if len(words) < 10 else (words[0], "…", words[-1]))
     if origin is tuple:
         parts = get_args(annotation)
         if len(parts) == 2 and parts[1] is not Ellipsis:
@@ -314,27 +308,35 @@ _ABOUT = {
     "stations": "Lines across the slope where passing rocks were measured. In a GeoPackage a line "
     "may have more vertices.",
     "passages": "One row per rock and station; without numbers if the rock passed unmeasured.",
-    "impacts": "One row per impact with known velocities before and after, from films or from "
-    "sensors in the rock: of the centre, in the vertical plane of motion, along the ground and "
-    "its *outward* normal. Where the path turns, those after the impact are along the new heading.",
-    "contacts": "One row per contact with the ground, also where its place is not known: times and "
-    "spins from sensors in the rock, places from a positioning system.",
+    "impacts": "One row per impact with known velocities of the centre before (`in`) and after "
+    "(`out`), from films or sensors in the rock: in the vertical plane of motion, along the ground "
+    "and its *outward* normal. Where the path turns, those after are along the new heading.",
+    "contacts": "One row per contact with the ground: times and spins from sensors in the rock, "
+    "places, if known, from a positioning system.",
     "deposits": "One row per deposited block, fragments included. A rock that broke has rows for "
     "its fragments only; these pass stations under their names.",
     "trajectories": "One row per rock and time.",
     "rock_id": "name of the rock; R7.2 is a fragment of R7",
     "rotation_hz": "revolutions per second, without sign",
-    "rotation_before_hz": "revolutions per second before the contact",
-    "rotation_after_hz": "revolutions per second after it",
+    **dict.fromkeys(
+        ("rotation_before_hz", "rotation_after_hz"), "revolutions per second before and after it"
+    ),
+    **dict.fromkeys(("vt_in_mps", "vt_out_mps"), "speed along the ground"),
+    **dict.fromkeys(("vn_in_mps", "vn_out_mps"), "speed along the normal; before: below zero"),
+    **dict.fromkeys(
+        ("semi_axis_a_m", "semi_axis_b_m", "semi_axis_c_m"), "half of each length, a the longest"
+    ),
     "height_m": "vertical, from the ground to the centre; the resting height is included",
     "slope_deg": "dip of the ground along the travel, over one or two metres",
     "turn_deg": "change of the azimuth in plan, clockwise",
-    "omega_in_radps": "spin before; positive for a rolling rock",
-    "t_start_s": "start, from any zero of the clock of the rock",
-    "t_end_s": "end",
-    "speed_error_rel": "standard error of a speed, as a share of it (0.05: 5 %); at impacts of the "
-    "whole speed",
-    "stop_error_m": "standard error of the place of a stop; default: of a position",
+    **dict.fromkeys(("omega_in_radps", "omega_out_radps"), "spin; positive for a rolling rock"),
+    **dict.fromkeys(("t_start_s", "t_end_s"), "start and end, from any zero of the clock"),
+    "speed_error_rel": "of a speed, as a share of it (0.05: 5 %); at impacts of the whole speed",
+    "rotation_error_rel": "of a rotation, as a share of it",
+    "height_error_m": "of a height of flight",
+    "position_error_m": "of a position",
+    "stop_error_m": "of the place of a stop; default: of a position",
+    "mass_error_rel": "of a mass, as a share of it",
     "contact_min_interval_s": "contacts that follow sooner count as one",
     "terrain_survey": "date, means and cell size of the terrain model",
     "ground": "kind, depth and moisture of the ground by stretch; diameter of blocks on it",
@@ -367,7 +369,10 @@ def observation_tables() -> list[str]:
             as_in = "; ".join(f"{', '.join(own)} as in `{table}`" for table, own in seen.items())
             lines += [f"Also {as_in}.", ""]
         described |= {(own.name, own.unit, own.meaning): name for own in new}
-    about = "Columns `key` and `value`. Other keys are passed on (`Metadata.others`)."
+    about = (
+        "Columns `key` and `value`; `…_error_…`: a standard error. Other keys are passed on "
+        "(`Metadata.others`)."
+    )
     keys = columns_table("key", (*METADATA_KEYS.values(), *METADATA_TEXTS.values()))
     return [*lines, "### `metadata`", "", about, "", *keys[:-1]]
 
