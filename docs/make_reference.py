@@ -281,8 +281,8 @@ _TRACES = {
     "among the deposits and present in smaller blocks",
     "entrainment": "more mass deposited than rocks came down",
     "lateral_deflection": "turns at impacts, and lateral offsets that grow below the first "
-    "station, beyond those simulated with at most the configured lateral tilt and drift "
-    "(calibrated ones would follow the deflection), and by more than 10° and 15 % of the path",
+    "station, beyond those simulated with at most the configured lateral tilt and drift, and by "
+    "more than 10° and 15 % of the path",
     "soft_ground": "contacts on one yielding ground only, in its upper and lower part, lose more "
     "than with any usual values of its class; less rebound there; large rocks stop early at the "
     "foot",

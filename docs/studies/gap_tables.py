@@ -156,20 +156,26 @@ def left_out(case: str) -> str:
 
 
 def program() -> str:
-    """Answers on runs of another program, campaigns of one kind together."""
-    kinds: dict[str, dict[str, list[float]]] = {}
+    """Answers on runs of another program: a row for each error, a column for what is observed."""
+    kinds: dict[str, dict[str, dict[str, list[float]]]] = {}
     for one in results("authume_program")["campaigns"]:
         seen = "everything" if one["everything"] else "stations and stops"
         named = f" ({one['group']})" if one["effect"] == "unknown" and one["group"] else ""
-        kind = f"{one['truth'] or 'none'} | {one['rocks']} rocks, {seen}".replace("_", " ")
-        answer = f"{one['effect']}{named}".replace("_", " ")
-        kinds.setdefault(kind, {}).setdefault(answer, []).append(one["confidence"])
-    rows = [
-        f"{kind} | {answer} | {len(own)} | {' to '.join(spread(own))}"
-        for kind, answers in kinds.items()
-        for answer, own in answers.items()
-    ]
-    return table("added error | observed | answer (group) | campaigns | confidence", rows)
+        column = f"{one['rocks']} rocks, {seen}"
+        answers = kinds.setdefault(one["truth"] or "none", {}).setdefault(column, {})
+        answers.setdefault(f"{one['effect']}{named}", []).append(one["confidence"])
+    columns = list(dict.fromkeys(column for own in kinds.values() for column in own))
+    rows = []
+    for kind, own in kinds.items():
+        cells = (
+            "; ".join(
+                f"{answer} {len(found)} ({' to '.join(spread(found))})"
+                for answer, found in own.get(column, {}).items()
+            )
+            for column in columns
+        )
+        rows.append(" | ".join([kind, *cells]).replace("_", " "))
+    return table(" | ".join(["added error", *columns]), rows)
 
 
 def spread(values: list[float]) -> list[str]:

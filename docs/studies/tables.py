@@ -232,20 +232,17 @@ def speed_effects() -> str:
 
 
 def speed_peers() -> str:
-    """Rates of other programs."""
+    """Rates of other programs, as a sentence."""
     what = {
-        "sassgis": "ellipse with rotation | impulse with friction, rolling, sliding",
-        "PlatRock 2D": "lumped mass with rotation | R_n and R_t, rolling",
-        "PyRockfall": "lumped mass | R_n and R_t, sliding",
+        "sassgis": "ellipse with rotation",
+        "PlatRock 2D": "lumped mass with rotation",
+        "PyRockfall": "lumped mass",
     }
-    rows = []
-    for name, one in results("speed/peers").items():
-        program = f"{name} {one.get('version', '')}".strip()
-        found = f"{one.get('failure')} | –"
-        if "failure" not in one:
-            found = f"{one['rocks_per_s']:,.0f} | {one['median_stop_m']:.0f}"
-        rows.append(f"{program} | {what[name]} | {found}")
-    return table("program | rock | contact | rocks/s | median stop (m)", rows)
+    rates = (
+        f"{name} {one.get('version', '')}".strip() + f" {one['rocks_per_s']:,.0f} ({what[name]})"
+        for name, one in results("speed/peers").items()
+    )
+    return f"{', '.join(rates)}."
 
 
 def changed_shares(own: pd.Series[float]) -> str:

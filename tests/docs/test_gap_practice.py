@@ -64,7 +64,11 @@ def test_the_case_from_tables_to_the_changed_map(
         name = line[2] if line[1] == "gap" else line[1]
         said[name] = printed(*line[1:])
     told = said["diagnose"].splitlines()
-    assert [x for x in told if not x.startswith("Open ")] == shown(page, "diagnose")
+    lines = shown(page, "diagnose")
+    kept = [x for x in told if not x.startswith("Open ")]
+    cut = lines.index("...")  # the page leaves some objects out
+    last = lines[cut + 1 :]
+    assert kept[:cut] == lines[:cut] and kept[-len(last) :] == last
     found = json.loads((tmp_path / "diagnosis" / "diagnosis.json").read_text(encoding="utf-8"))
     # The truth, which the diagnosis does not know: debris that holds rocks back more.
     assert found["verdict"]["effect"] == "none"
