@@ -34,7 +34,7 @@ one](starting.md#the-configuration)). Paths are relative to the configuration. N
 [unit](conventions.md#units). A *range* is `[low, high]`; a single number sets both limits. `layer`
 is needed where a file has several. `…_field` names an attribute that holds the value of each
 feature. Unknown keys and texts of more than {LONGEST_TEXT} characters are errors. *needed*: no
-default; –: may be left out.
+default; no entry: may be left out.
 
 A run on the map needs `terrain.dem`, `release.file` and one `[[blocks]]`; a run along one profile
 `[profile]` (or `--csv`, `--point`, `--line`) and one `[[blocks]]`.
@@ -198,7 +198,7 @@ def row(section: str, own: Declared, *others: str) -> str:
     if own.is_required:
         default = "*needed*"
     elif own.default is None:
-        default = "–"
+        default = ""
     else:
         default = f"`{shown(own.default)}`"
     text = meaning(section, own).replace("|", "\\|").removesuffix(".")
@@ -210,7 +210,7 @@ def row(section: str, own: Declared, *others: str) -> str:
         text += f" (formerly `{own.old_name}`)"
     name = f"`{own.name}`" + "".join(f", `{key}`" for key in others)
     value = f"{kind(own.kind)}{limits(own.kind)}".removeprefix("number, ")
-    return f"| {name} | {value} | {default} | {text} |"
+    return f"| {name} | {value} | {default} | {text} |".replace("|  |", "| |")
 
 
 def is_attribute(own: Declared) -> bool:
