@@ -1,5 +1,4 @@
-"""Write docs/configuration.md, and the tables of effects and causes in other pages, from what is
-declared.
+"""Write docs/configuration.md, and the tables of causes and observations, from what is declared.
 
 ``python docs/make_reference.py`` rewrites them all.
 """
@@ -14,7 +13,6 @@ from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 from typing import Annotated, Any, Literal, Union, get_args, get_origin
 
-from sassgis.engine.effects.registry import EFFECTS
 from sassgis.files.plain_file import LONGEST_TEXT
 from sassgis.gap.causes.all_causes import CAUSES
 from sassgis.gap.observations.tables import METADATA_KEYS, METADATA_TEXTS, TABLE_TYPES, Column
@@ -256,14 +254,6 @@ def page() -> str:
     return "\n\n".join([_HEAD.rstrip(), *sections]) + "\n"
 
 
-def effects_table() -> list[str]:
-    """The effects by phase of the motion."""
-    phases: dict[str, list[str]] = {}
-    for name, own in EFFECTS.items():
-        phases.setdefault(own.phase, []).append(f"[`{name}`](#{name})")
-    return [f"- {phase}: {', '.join(names)}" for phase, names in phases.items()]
-
-
 #: What a cause leaves in the observations, in words of the field.
 _TRACES = {
     "measurement_error": "speeds differ from positions over times of a path; impacts gain more "
@@ -389,7 +379,6 @@ def columns_table(kind: str, columns: Iterable[Column]) -> list[str]:
 
 #: Pages with a table that is made here, and the word of its marks.
 TABLES: Mapping[str, tuple[str, Callable[[], list[str]]]] = {
-    "effects.md": ("effects", effects_table),
     "gap.md": ("causes", causes_table),
     "observations.md": ("tables", observation_tables),
 }
