@@ -30,9 +30,9 @@ _HEAD = f"""\
 Here you look up a key of the TOML file that describes a run ([how to write
 one](starting.md#the-configuration)). Paths are relative to the configuration. Names end in their
 [unit](conventions.md#units). A *range* is `[low, high]`; a single number sets both limits. `layer`
-is needed where a file has several. `…_field` names an attribute that holds the value of each
-feature. Unknown keys and texts of more than {LONGEST_TEXT} characters are errors. *needed*: no
-default; no entry: may be left out.
+is needed where a file has several. †: the same name with `_field` names the attribute that holds
+the value of each feature. *needed*: no default; no entry: may be left out. Unknown keys and texts
+of more than {LONGEST_TEXT} characters are errors.
 
 A run on the map needs `terrain.dem`, `release.file` and one `[[blocks]]`; a run along one profile
 `[profile]` (or `--csv`, `--point`, `--line`) and one `[[blocks]]`.
@@ -191,8 +191,11 @@ def meaning(section: str, own: Declared) -> str:
     return _EXPLAINED.get(f"{section}.{own.name}", own.description)
 
 
-def row(section: str, own: Declared, *others: str) -> str:
-    """One key as a row of its section's table, with other keys that belong to it."""
+def row(section: str, own: Declared, *others: str, has_attribute: bool = False) -> str:
+    """One key as a row of its section's table, with other keys that belong to it.
+
+    A dagger marks a key whose value an attribute of each feature may have.
+    """
     if own.is_required:
         default = "*needed*"
     elif own.default is None:
@@ -206,7 +209,7 @@ def row(section: str, own: Declared, *others: str) -> str:
         text = text[:1].lower() + text[1:]
     if own.old_name is not None:
         text += f" (formerly `{own.old_name}`)"
-    name = f"`{own.name}`" + "".join(f", `{key}`" for key in others)
+    name = f"`{own.name}`" + "".join(f", `{key}`" for key in others) + " †" * has_attribute
     value = f"{kind(own.kind)}{limits(own.kind)}".removeprefix("number, ")
     return f"| {name} | {value} | {default} | {text} |".replace("|  |", "| |")
 
@@ -238,10 +241,8 @@ def section(name: str, keys: Mapping[str, Declared]) -> str:
     hidden = attributes | ({"layer"} if "file" in keys else set())
     rows = {key: own for key, own in keys.items() if key not in hidden}
     for key, own in rows.items():
-        with_it = ["…_field"] if f"{key}_field" in attributes else []
-        if key == "file" and "layer" in keys:
-            with_it.append("layer")
-        lines.append(row(name, own, *with_it))
+        with_it = ["layer"] if key == "file" and "layer" in keys else []
+        lines.append(row(name, own, *with_it, has_attribute=f"{key}_field" in attributes))
     return "\n".join(lines)
 
 

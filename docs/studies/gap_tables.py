@@ -134,25 +134,24 @@ def answers() -> str:
 
 
 def left_out(case: str) -> str:
-    """What was calibrated and handed over, on held-out rocks; equal results in one row."""
-    rows = []
+    """What was calibrated and handed over, on held-out rocks; equal results in one sentence."""
+    parts = []
     for split, one in results(case).get("splits", {}).items():
         models: dict[str, list[str]] = {}
         for model, q in one["left_out"].items():
-            distances = " | ".join(metres(q[k]) for k in ("crps_m", "energy_distance_m"))
-            cells = f"{quantiles(q['predicted'])} | {gap(q['gap_m'], q['ci95'])} | {distances}"
+            found = (
+                f"{quantiles(q['predicted'])} m, mean gap {gap(q['gap_m'], q['ci95'])} m, CRPS "
+                f"{metres(q['crps_m'])} m, energy distance {metres(q['energy_distance_m'])} m"
+            )
             name = model if model == "uncalibrated" else f"`{model}`"
-            models.setdefault(cells, []).append(name)
+            models.setdefault(found, []).append(name)
         seen = one["left_out"]["uncalibrated"]
-        rows.append(
-            f"{split} ({seen['rocks']}) | *observed* | {quantiles(seen['observed'])} |  |  | "
+        parts.append(
+            f"Held-out {split} ({seen['rocks']} rocks), run-out 10 / 50 / 90 %: observed "
+            f"{quantiles(seen['observed'])} m; "
+            + "; ".join(f"{', '.join(names)}: {found}" for found, names in models.items())
         )
-        rows += [f" | {', '.join(names)} | {cells}" for cells, names in models.items()]
-    head = (
-        "held out | model | run-out 10 / 50 / 90 % (m) | mean gap (m, 95 %) | CRPS (m) | "
-        "energy distance (m)"
-    )
-    return table(head, rows) if rows else NONE
+    return ". ".join([*parts, ""]).strip() or NONE
 
 
 def program() -> str:

@@ -140,7 +140,7 @@ def field_left_out() -> str:
         labels = {
             "left_out": f"the other half ({one['rocks_left_out']} rocks)",
             "left_out_configured": "the same, configured classes",
-            "halves_observed": "*observed halves against each other*",
+            "halves_observed": "*observed halves*",
             **{key: key.removeprefix("at ") + ", all rocks" for key in one if key[:3] == "at "},
         }
         if one["left_out_configured"] == one["left_out"]:
