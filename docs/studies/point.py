@@ -70,6 +70,7 @@ def page(results: dict[str, Any]) -> str:
                      for own in models.values())]
         )
         for name in QUANTITIES
+        if "20 m" not in name
     ]  # fmt: skip
     return table(" | ".join(["median / 90 %", *models]), rows)
 

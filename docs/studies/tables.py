@@ -41,7 +41,7 @@ def minus(text: str) -> str:
 def discretisation() -> str:
     """Results in the valley over the tolerances: run-outs, energies and heights far down."""
     found = rows_of("discretisation/summary")
-    found = found[found["slope"] == "valley"]
+    found = found[(found["slope"] == "valley") & (found["tolerance_m"] <= 2.0)]
     lengths = found.groupby("tolerance_m")["segment_length_m"].first()
     rows = [" | ".join(["*segment length (m)*", *(f"*{v:.1f}*" for v in lengths), ""])]
     found = found[~found["quantity"].str.contains("arrivals|run-out 25 %| at (?:60|150) m ")]
