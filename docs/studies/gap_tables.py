@@ -52,16 +52,15 @@ def gap(value: float, limits: list[float]) -> str:
 
 
 def verdict(case: str) -> str:
-    """The answer of each split."""
+    """The answer of each split, as a list."""
     splits = results(case).get("splits", {})
-    if not splits:
-        return NONE
-    rows = (
-        f"{split} | {one['fitted_on']} | {one['base']} | {one['verdict']} | "
-        f"{number(one['confidence'], 2)} | {', '.join(one['confusion_set'])}"
+    lines = (
+        f"- {split} ({one['fitted_on']} rocks fitted): {one['verdict']}, confidence "
+        f"{number(one['confidence'], 2)}, base {one['base']}; confusion set "
+        f"{', '.join(one['confusion_set'])}".replace("_", " ")
         for split, one in splits.items()
     )
-    return table("split | rocks fitted | base | answer | confidence | confusion set", rows)
+    return "\n".join(lines) or NONE
 
 
 #: Numbers of the quantiles that are shown.
