@@ -315,7 +315,7 @@ _ABOUT = {
     **dict.fromkeys(("vt_in_mps", "vt_out_mps"), "speed along the ground"),
     **dict.fromkeys(("vn_in_mps", "vn_out_mps"), "speed along the normal; before: below zero"),
     **dict.fromkeys(
-        ("semi_axis_a_m", "semi_axis_b_m", "semi_axis_c_m"), "half of each length, a the longest"
+        ("semi_axis_a_m", "semi_axis_b_m", "semi_axis_c_m"), "half of the extents, a the longest"
     ),
     "height_m": "vertical, from the ground to the centre; the resting height is included",
     "slope_deg": "dip of the ground along the travel, over one or two metres",

@@ -245,25 +245,21 @@ def speed_peers() -> str:
     return f"{', '.join(rates)}."
 
 
-def changed_shares(own: pd.Series[float]) -> str:
-    """What is stated, and what another sample changes."""
-    shares = (f"{100 * own[key]:.1f} %" for key in ("stated", "cells", "zones"))
-    marked = (f"{100 * own[key]:.0f} %" for key in ("flagged", "caught"))
-    return " | ".join([*shares, *marked])
-
-
-CHANGED = "stated | cells | zones | hatched, of the zoned area | changes on hatched cells"
-
-
 def zone_seeds() -> str:
-    """Changes by another sample, by site and number of blocks."""
-    rows = (
-        f"{own['site']} | {own['times']} × | {changed_shares(own)} | "
-        f"{own['found']} of {own['pairs']}"
-        for _, own in rows_of("zone_seeds/seeds").iterrows()
-        if own["times"] in (1, 8)
+    """What is stated, and what another sample changes, by site and number of blocks."""
+    row = (
+        "{site} | {times} × | {stated:.1%} | {cells:.1%} | {zones:.1%} | {caught:.0%} | "
+        "{found} of {pairs}"
     )
-    return table(f"site | blocks | {CHANGED} | changes in `compare`", rows)
+    found = rows_of("zone_seeds/seeds")
+    rows = (
+        row.format(**own).replace("%", " %")
+        for own in found[found["times"].isin((1, 8))].to_dict("records")
+    )
+    return table(
+        "site | blocks | stated | cells | zones | changes on hatched cells | changes in `compare`",
+        rows,
+    )
 
 
 def kinematics_tschamut() -> str:
