@@ -53,13 +53,14 @@ def gap(value: float, limits: list[float]) -> str:
 
 def verdict(case: str) -> str:
     """The answer of each split, as a list."""
-    splits = results(case).get("splits", {})
-    lines = (
-        f"- {split} ({one['fitted_on']} rocks fitted): {one['verdict']}, confidence "
-        f"{number(one['confidence'], 2)}, base {one['base']}; confusion set "
-        f"{', '.join(one['confusion_set'])}".replace("_", " ")
-        for split, one in splits.items()
-    )
+    lines = []
+    for split, one in results(case).get("splits", {}).items():
+        sure = one["confidence"]
+        answer = one["verdict"] if sure is None else f"{one['verdict']} (confidence {sure:.2g})"
+        lines.append(
+            f"- {split} ({one['fitted_on']} rocks fitted): {answer}, base {one['base']}; confusion "
+            f"set {', '.join(one['confusion_set'])}".replace("_", " ")
+        )
     return "\n".join(lines) or NONE
 
 
