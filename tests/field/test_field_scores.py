@@ -105,7 +105,7 @@ def test_one_command_makes_every_table_of_the_page(
     if not all((shared_data / folder).is_dir() for folder in (*FOLDERS.values(), CONTACTS)):
         pytest.skip("not all sites are in the folder of the field data")
     monkeypatch.setattr(scores, "TILTS", (7.0,))
-    monkeypatch.setattr(scores, "DRIFTS", (4.0,))
+    monkeypatch.setattr(scores, "DRIFTS", (5.0,))
     few = ["--count", "16", "--halves", "1", "--draws", "8", "--jobs", "1"]
     field_scores.main([str(shared_data), "-o", str(tmp_path / "out"), *few])
     found = json.loads((tmp_path / "out" / "results.json").read_text("utf-8"))
