@@ -18,6 +18,7 @@ from sassgis.grid import BoolArray, FloatArray, Grid, IntArray
 from sassgis.hazard.curves import at_energies, meets
 from sassgis.settings.hazard_rules import HazardCurves, HazardLevel, HazardPreset, Provenance
 from sassgis.settings.languages import joined, phrase
+from sassgis.settings.results import thousands
 from sassgis.settings.styles import StyleClass, Symbol, VectorStyle
 
 #: What a sheet shows.
@@ -210,8 +211,8 @@ def _unverified(preset: HazardPreset, shown: Shown = "level") -> dict[str, list[
     if shown == "risk":
         return _by_source(values)
     values.append((phrase("return periods {} years", periods), preset.return_period_provenance))
-    if preset.rarest_provenance is not None:
-        beyond = phrase("no level beyond {} years", f"{preset.rarest_years:g}")
+    if preset.rarest_provenance is not None and preset.rarest_years is not None:
+        beyond = phrase("no level beyond {} years", thousands(preset.rarest_years))
         values.append((beyond, preset.rarest_provenance))
     if preset.sheet is not None:
         least = phrase(

@@ -339,7 +339,7 @@ def block_pictures(
     pictures = []
     for stem in ("energy", "reach_probability", "passing_height", "stops"):
         layer = by_stem[stem]
-        if stem == "stops":
+        if stem == "stops" and not run.followed:
             lines = joined_lines(progress.lines)
             xy = np.column_stack([lines.x, lines.y])
             marks = replace(marks, lines=[xy[a:b] for a, b in pairwise(lines.offset)])

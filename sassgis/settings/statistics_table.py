@@ -229,7 +229,7 @@ STATISTICS = (
             "without blocks that never started.",
         meaning="number of blocks that stop in the cell, at rest or at a barrier; not those that "
         "never started",
-        breaks=(0, 3, 10, 30, 100), ramp="Blues",
+        breaks=(0, 3, 10, 30, 100), ramp="plasma_r",
     ),
 )  # fmt: skip
 

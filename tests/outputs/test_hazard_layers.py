@@ -160,4 +160,4 @@ def test_untold_errors_are_missing_and_the_cell_uncertain() -> None:
 def test_every_built_in_preset_makes_maps(name: str) -> None:
     made = layers_of(CURVES, read_preset(name), GRID, 5.0, return_periods=())
     assert [layer.stem for layer in made][:2] == ["hazard_level", "intensity_extreme"]
-    assert "unverified: no level beyond 10000 years" in made[0].note
+    assert "unverified: no level beyond 10\u202f000 years" in made[0].note

@@ -420,10 +420,10 @@ def test_sheets_of_protection_say_what_the_tables_say(zoned: Zoned) -> None:
     assert "3 m high, 500 kJ capacity" in words and "Best place along the slope" in words
     sources = pd.read_csv(out / "tables/sources.csv").drop_duplicates("scenario")
     rates = "; ".join(sources["scenario"] + " " + sources["onset_per_year"].map("{:.3g}".format))
-    assert f"Onset frequencies {rates} blocks a year in each release area Ground classes" in words
+    assert f"Onset frequencies blocks a year in each release area: {rates} Ground classes" in words
     with in_language("de"):
         german = translated(onset_words(zoned[0].rules))
-    assert german == f"{rates} Blöcke pro Jahr in jedem Herkunftsgebiet"
+    assert german == f"Blöcke pro Jahr in jedem Herkunftsgebiet: {rates}"
     for own, high in zip(needs["net_class"], needs["net_class_high"].fillna("–"), strict=True):
         assert pd.isna(own) or f" {own if own == high else f'{own} to {high}'} " in words
     assert page.count("<img ") == 2 and not re.search(r"https?:|<script", page)

@@ -358,10 +358,12 @@ def onset_words(rules: Rules) -> str:
     by_scenario: dict[str, list[float]] = {}
     for (_, scenario), frequency in rules.frequencies.items():
         by_scenario.setdefault(scenario, []).append(frequency)
-    spans = (
-        phrase("{} {} to {}", name, f"{min(f):.3g}", f"{max(f):.3g}")
-        if max(f) > min(f)
-        else f"{name} {min(f):.3g}"
-        for name, f in by_scenario.items()
-    )
-    return phrase("{} blocks a year in each release area", joined("; ", spans))
+    areas = len({area for area, _ in rules.frequencies})
+
+    def words(name: str, own: list[float]) -> str:
+        low, high = f"{min(own):.3g}", f"{max(own):.3g}"
+        span = f"{name} {low}" if high == low else phrase("{} {} to {}", name, low, high)
+        return span if len(own) == areas else phrase("{} ({} of {} areas)", span, len(own), areas)
+
+    spans = joined("; ", (words(name, own) for name, own in by_scenario.items()))
+    return phrase("blocks a year in each release area: {}", spans)
