@@ -13,10 +13,13 @@ lie within the ranges of Fig. 12.
 from __future__ import annotations
 
 import argparse
+from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pandas as pd
+from numpy.typing import NDArray
 
 from sassgis.errors import SassgisError
 from sassgis.outputs.frames import write_table
@@ -24,12 +27,37 @@ from sassgis.outputs.site_template import sample_folder
 from sassgis.report.figures import profile_figure, save, station_figure
 from sassgis.report.map_report import profile_panel
 from sassgis.runs.profile_run import run_profile
+from sassgis.settings.results import Histogram
 from sassgis.simulation.control_lines import trimmed
-from sassgis.simulation.path_sample import arrivals, passage_histogram, share_within
+from sassgis.simulation.path_sample import ProfileResult, arrivals, line_number
 
 #: Quantities of Fig. 12 with their unit and the range in which the paper's histograms mostly lie.
 RANGES = {"speed_mps": ("m/s", 15.0), "rotation_hz": ("Hz", 5.0), "height_m": ("m", 5.0)}
 CAMERAS = ("camera 2", "camera 3")
+
+
+def _passages(result: ProfileResult, control_line: str, quantity: str) -> NDArray[Any]:
+    own = result.passages["control_line"] == line_number(result, control_line)
+    values: NDArray[Any] = result.passages[quantity][own]
+    return values
+
+
+def passage_histogram(
+    result: ProfileResult, control_line: str, quantity: str, edges: Sequence[float], unit: str
+) -> Histogram:
+    """Return the histogram of one quantity of the passages at a station or barrier, by its name."""
+    values = _passages(result, control_line, quantity)
+    counts, _ = np.histogram(np.clip(values, edges[0], edges[-1]), edges)
+    return Histogram(np.asarray(edges, float), counts.astype(np.int64), unit)
+
+
+def share_within(
+    result: ProfileResult, control_line: str, quantity: str, low: float, high: float
+) -> tuple[int, float]:
+    """Count passages at a station or barrier, and their share between two limits (inclusive)."""
+    values = _passages(result, control_line, quantity)
+    share = float(((values >= low) & (values <= high)).mean()) if values.size else float("nan")
+    return int(values.size), share
 
 
 def main(argv: list[str] | None = None) -> None:

@@ -414,7 +414,7 @@ class Drawn:
         Parameters and errors are those of ``zones``; ``ax`` is where to draw, default: a new
         figure of matplotlib.
         """
-        from sassgis.report.figures.zone_axes import draw_zones
+        from sassgis.report.figures.map_figure import draw_zones
 
         own, grid, hazard = _assessed(self._ds, rules, confidence, zoning)
         frame = _zone_frame(own, grid, hazard, confidence)

@@ -13,11 +13,17 @@ from numpy.typing import NDArray
 from scipy.stats import binomtest
 
 from field_cases.sites import Simulated, Site, run_out
+from sassgis.files.atomic_output import staged_output
 from sassgis.gap.fit.distances import energy_scores
 from sassgis.grid import FloatArray
 from sassgis.inputs.config import load_config
-from sassgis.runs.variant_lab import runout_bands
-from sassgis.simulation.workers import Jobs
+from sassgis.inputs.ground_map import read_ranges
+from sassgis.runs.resumable_run import Workplace, configured, read_job
+from sassgis.runs.variant_lab import DRAWS, VariantLab, draws_in
+from sassgis.settings.map_run import Config
+from sassgis.simulation.loop import check_starts
+from sassgis.simulation.workers import Jobs, OnProgress
+from sassgis.studies.variants import BASE, FAR, MEDIAN, SpreadBand, Variant
 
 SHARES = (0.1, 0.5, 0.9)
 BOOTSTRAPS = 1000
@@ -282,3 +288,28 @@ def summary(errors: Mapping[str, list[FloatArray]]) -> dict[str, Any]:
         }
         for name, found in errors.items()
     }
+
+
+def runout_bands(
+    config: Config | str | Path,
+    draws: int,
+    out: str | Path,
+    *,
+    jobs: Jobs = None,
+    on_progress: OnProgress | None = None,
+) -> tuple[SpreadBand, SpreadBand]:
+    """Return bands of the median and of the 90 % quantile of the run-out, without any maps.
+
+    ``out`` is a new folder, which stays empty: while it works, what was simulated is kept next to
+    it, and the same call goes on from there.
+    """
+    config = configured(config, None)
+    with staged_output(Path(out), False) as work:
+        place = Workplace(work, jobs, on_progress, lambda _text: None)
+        job = read_job(config, None, place.tell)
+        known = read_ranges(job.run.table, config.ground.ranges)
+        check_starts(job.run, job.planned.points, lambda: job.planned, config.release.file)
+        lab = VariantLab(job, None, place, DRAWS)
+        lab.total = 1
+        spread, _, _ = draws_in(lab, known, draws, lab.found(Variant(BASE)))
+    return spread.band(MEDIAN), spread.band(FAR)

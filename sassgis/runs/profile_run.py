@@ -36,11 +36,10 @@ from sassgis.settings.results import (
 )
 from sassgis.settings.schema import Input, named
 from sassgis.settings.statistics_table import PROBABILITIES
-from sassgis.simulation.contacts import contacts_of
 from sassgis.simulation.control_lines import ControlLineSums
 from sassgis.simulation.estimate import require_profile
 from sassgis.simulation.map_sums import quantiles
-from sassgis.simulation.path_sample import ProfileInput, ProfileResult, stretches_of
+from sassgis.simulation.path_sample import ProfileInput, ProfileResult, contacts_of, stretches_of
 from sassgis.terrain.fall_lines import fall_line_surface, trace
 from sassgis.terrain.flatten import chainage_to_xy
 from sassgis.terrain.prepare import (

@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from sassgis.errors import Interrupted
-from sassgis.files.atomic_output import CHECKPOINT_STEM, staged_output, writing
+from sassgis.files.atomic_output import CHECKPOINT_STEM, writing
 from sassgis.files.saved_arrays import read_saved, write_saved
 from sassgis.hazard.assess import Rules
 from sassgis.inputs.ground_map import read_ranges
@@ -21,8 +21,6 @@ from sassgis.runs.resumable_run import (
     Job,
     Simulation,
     Workplace,
-    configured,
-    read_job,
     simulate_saved,
     state_fingerprint,
     workers_asked,
@@ -32,14 +30,12 @@ from sassgis.settings.ground import ParameterRange, RangeRule, acting, ranges_of
 from sassgis.settings.map_run import Config, MapRun, ObjectCells
 from sassgis.simulation.accumulators import Progress
 from sassgis.simulation.checkpoint import Checkpoint
-from sassgis.simulation.loop import check_starts
-from sassgis.simulation.workers import Jobs, OnProgress
 from sassgis.studies import variants as study
-from sassgis.studies.variants import GroundSpread, SpreadBand, Variant, VariantFinding
+from sassgis.studies.variants import GroundSpread, Variant, VariantFinding
 
 _KEPT = [f.name for f in fields(VariantFinding)]
 #: Folder of the draws among the saved states of a run.
-_DRAWS = "ground_draws"
+DRAWS = "ground_draws"
 
 
 class VariantLab:
@@ -158,12 +154,12 @@ def drawn_ground(
     # Of a road the whole, as in the report: a band of each stretch says less.
     wholes, exposed = cells_of_wholes(placed, done.run.grid)
     job = Job(done.config, done.run, done.planned, ())
-    lab = VariantLab(job, rules, place, _DRAWS, exposed)
+    lab = VariantLab(job, rules, place, DRAWS, exposed)
     base = study.finding_of(done.run, done.progress, rules, exposed)
-    return _drawn(lab, known, draws, base, wholes)
+    return draws_in(lab, known, draws, base, wholes)
 
 
-def _drawn(
+def draws_in(
     lab: VariantLab,
     known: tuple[RangeRule, ...],
     draws: int,
@@ -181,28 +177,3 @@ def _drawn(
     areas = study.level_areas(maps, cell_m2) if names[0] else None
     met = lab.ranges(known, maps[0])
     return GroundSpread(draws, met, study.spread_bands(table), areas), maps, table
-
-
-def runout_bands(
-    config: Config | str | Path,
-    draws: int,
-    out: str | Path,
-    *,
-    jobs: Jobs = None,
-    on_progress: OnProgress | None = None,
-) -> tuple[SpreadBand, SpreadBand]:
-    """Return bands of the median and of the 90 % quantile of the run-out, without any maps.
-
-    ``out`` is a new folder, which stays empty: while it works, what was simulated is kept next to
-    it, and the same call goes on from there.
-    """
-    config = configured(config, None)
-    with staged_output(Path(out), False) as work:
-        place = Workplace(work, jobs, on_progress, lambda _text: None)
-        job = read_job(config, None, place.tell)
-        known = read_ranges(job.run.table, config.ground.ranges)
-        check_starts(job.run, job.planned.points, lambda: job.planned, config.release.file)
-        lab = VariantLab(job, None, place, _DRAWS)
-        lab.total = 1
-        spread, _, _ = _drawn(lab, known, draws, lab.found(Variant(study.BASE)))
-    return spread.band(study.MEDIAN), spread.band(study.FAR)

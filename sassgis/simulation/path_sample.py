@@ -5,18 +5,25 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from sassgis.engine.simulate import Simulated
-from sassgis.engine.state import trajectory
+from sassgis.engine.ellipse import inertia
+from sassgis.engine.simulate import Simulated, moving_axes
+from sassgis.engine.state import END, FLIGHT, IMPACT, ROLLING, trajectory
 from sassgis.grid import FloatArray, Grid, IntArray
 from sassgis.settings.ground import GroundTable
 from sassgis.settings.map_run import Forest, MapRun
-from sassgis.settings.results import ControlLine, Histogram, ReleasePoints, StopReason, TraceSet
-from sassgis.simulation.contacts import contacts_of
+from sassgis.settings.results import (
+    CONTACT_DTYPE,
+    ContactKind,
+    ControlLine,
+    ReleasePoints,
+    StopReason,
+    TraceSet,
+)
+from sassgis.settings.settings import EngineSettings
 from sassgis.simulation.control_lines import ControlLineSums
 from sassgis.simulation.loop import blocks_on_lines, follow_blocks, on_known_ground, traced
 from sassgis.terrain.flatten import chainage_to_xy, profiles
@@ -110,38 +117,14 @@ class BlockPath:
     contact_xy: FloatArray = field(kw_only=True)
 
 
-def _number(result: ProfileResult, control_line: str) -> int:
+def line_number(result: ProfileResult, control_line: str) -> int:
     """Return the position of a station or barrier, by its name."""
     return [line.name for line, _ in result.profile.control_lines].index(control_line)
 
 
-def _passages(result: ProfileResult, control_line: str, quantity: str) -> NDArray[Any]:
-    own = result.passages["control_line"] == _number(result, control_line)
-    values: NDArray[Any] = result.passages[quantity][own]
-    return values
-
-
-def passage_histogram(
-    result: ProfileResult, control_line: str, quantity: str, edges: Sequence[float], unit: str
-) -> Histogram:
-    """Return the histogram of one quantity of the passages at a station or barrier, by its name."""
-    values = _passages(result, control_line, quantity)
-    counts, _ = np.histogram(np.clip(values, edges[0], edges[-1]), edges)
-    return Histogram(np.asarray(edges, float), counts.astype(np.int64), unit)
-
-
-def share_within(
-    result: ProfileResult, control_line: str, quantity: str, low: float, high: float
-) -> tuple[int, float]:
-    """Count passages at a station or barrier, and their share between two limits (inclusive)."""
-    values = _passages(result, control_line, quantity)
-    share = float(((values >= low) & (values <= high)).mean()) if values.size else float("nan")
-    return int(values.size), share
-
-
 def arrivals(result: ProfileResult, control_line: str) -> int:
     """Return blocks that reached a station or barrier, by its name."""
-    return result.control_lines.arrivals(_number(result, control_line))
+    return result.control_lines.arrivals(line_number(result, control_line))
 
 
 def stretches_of(s: FloatArray) -> FloatArray:
@@ -320,3 +303,52 @@ def _paths(
         yield BlockPath(
             name, scenario_name, t, x, y, z, reason, *facts, contacts=met, contact_xy=xy
         )
+
+
+_KINDS = {IMPACT: ContactKind.IMPACT, ROLLING: ContactKind.ROLLING}
+
+
+def contacts_of(
+    logs: Sequence[NDArray[np.void]], rocks: NDArray[np.void], engine: EngineSettings
+) -> list[NDArray[np.void]]:
+    """Return for each block a row for each contact: its state as it begins and as it ends.
+
+    Parameters
+    ----------
+    logs : of EVENT_DTYPE, shape (n_events,) each
+    rocks : ROCK_DTYPE, shape (n_blocks,)
+        The blocks to which the logs belong.
+    engine : EngineSettings
+        With the outline as which they moved; without effects that change their inertia.
+
+    Returns
+    -------
+    list of CONTACT_DTYPE, shape (n_contacts,) each
+        Velocities along the ground (downhill positive) and normal to it (away from it positive).
+        Rolling and sliding end where the ground bends or the block leaves it.
+    """
+    stated = np.column_stack([rocks[f"{axis}_m"] for axis in "abc"])
+    turning = [inertia(a, b) for a, b, _ in moving_axes(stated, engine).tolist()]
+    return [_contacts(*each) for each in zip(logs, rocks, turning, strict=True)]
+
+
+def _contacts(log: NDArray[np.void], rock: np.void, turning: float) -> NDArray[np.void]:
+    """Return the contacts of a block of a moment of inertia per unit mass (m²)."""
+    phase = log["phase"]
+    first = np.flatnonzero((phase[:-1] != FLIGHT) & (phase[:-1] != END))
+    begin, end = log[first], log[first + 1]
+    out = np.zeros(first.size, CONTACT_DTYPE)
+    out["rock"], out["contact"] = rock["rock"], np.arange(1, first.size + 1)
+    out["kind"] = [_KINDS.get(int(own), ContactKind.SLIDING) for own in begin["phase"]]
+    out["t_s"], out["duration_s"] = begin["t_s"], end["t_s"] - begin["t_s"]
+    out["chainage_m"], out["z_m"] = begin["x_m"], begin["z_m"]
+    downhill = np.where(begin["ux"] < 0.0, -1.0, 1.0)
+    tx, tz = downhill * begin["ux"], downhill * begin["uz"]
+    out["slope_deg"] = np.degrees(np.arctan2(-tz, tx))
+    for side, state in (("in", begin), ("out", end)):
+        vx, vz, spin = state["vx_mps"], state["vz_mps"], state["omega_radps"]
+        out[f"vt_{side}_mps"] = vx * tx + vz * tz
+        out[f"vn_{side}_mps"] = vz * tx - vx * tz
+        out[f"rotation_{side}_hz"] = spin / (2.0 * np.pi)
+        out[f"energy_{side}_kj"] = 0.5e-3 * rock["mass_kg"] * (vx**2 + vz**2 + turning * spin**2)
+    return out

@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
+from field_cases.scores import runout_bands
 from helpers.listed_results import digests
 
 from sassgis.errors import Interrupted
@@ -19,7 +20,6 @@ from sassgis.inputs.ground_map import read_ranges
 from sassgis.runs import resumable_run as module
 from sassgis.runs.inputs import read_map_run
 from sassgis.runs.run import ZoneResult, zone
-from sassgis.runs.variant_lab import runout_bands
 from sassgis.settings.ground import RANGED, ranges_of, with_values
 from sassgis.settings.map_run import Config
 from sassgis.settings.statistics_table import bins_of

@@ -14,6 +14,7 @@ import pandas as pd
 import pytest
 import rasterio
 import shapely
+from bedrina_1986 import passage_histogram, share_within
 from helpers.samples import copy_sample
 
 from sassgis.errors import ConfigError, InputError
@@ -22,7 +23,7 @@ from sassgis.runs.inputs import profile_from_csv
 from sassgis.runs.profile_run import run_profile, simulate_profile
 from sassgis.runs.run import run
 from sassgis.settings.results import ContactKind
-from sassgis.simulation.path_sample import arrivals, passage_histogram, share_within
+from sassgis.simulation.path_sample import arrivals
 
 
 @pytest.fixture(scope="module")

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import matplotlib as mpl
 import numpy as np
@@ -25,9 +25,14 @@ from numpy.typing import NDArray
 
 from sassgis.grid import FloatArray, Grid
 from sassgis.report.figures import map_marks, relief, style
-from sassgis.settings.languages import joined, phrase
+from sassgis.report.figures.relief import hillshade
+from sassgis.settings.hazard_rules import HazardLevel
+from sassgis.settings.languages import joined, phrase, translated
 from sassgis.settings.results import Band, RasterClass, RasterLayer, thousands
 from sassgis.settings.styles import class_colours, class_labels, class_limits, zero_is_nothing
+
+if TYPE_CHECKING:
+    import geopandas as gpd
 
 #: The tallest maps of a figure together (in).
 _MAX_HEIGHT_IN = 7.6
@@ -295,3 +300,33 @@ def map_figure(
     else:
         colour_bar(axes, panel, unit)
     return finish(sheet, axes, marks, view)
+
+
+def draw_zones(
+    zones: gpd.GeoDataFrame, levels: Sequence[HazardLevel], grid: Grid, ax: Axes | None = None
+) -> Axes:
+    """Draw zones over the relief of the terrain, the lowest level first, with a legend."""
+    if ax is None:
+        # Only where a notebook or a window shows it.
+        import matplotlib.pyplot as plt
+
+        _, ax = plt.subplots(layout="constrained")
+    west, south, east, north = grid.bounds
+    shade = hillshade(grid)
+    ax.imshow(shade, cmap="gray", extent=(west, east, south, north), alpha=0.5, vmin=0.0, vmax=1.0)
+    signs = []
+    for level in levels:
+        # A hatched level is striped on white, as on maps.
+        look: dict[str, Any] = {
+            "facecolor": "white" if level.hatched else level.colour,
+            "edgecolor": level.colour if level.hatched else "#4d4d4d",
+            "hatch": "////" if level.hatched else None, "linewidth": 0.5, "alpha": 0.85,
+        }  # fmt: skip
+        own = zones[zones["hazard_level"] == level.code]
+        if len(own):
+            own.plot(ax=ax, label=level.code, **look)
+            signs.append(Patch(label=translated(level.label), **look))
+    ax.legend(handles=signs[::-1], title=translated("Hazard level"))
+    ax.set(xlim=(west, east), ylim=(south, north), aspect="equal", xlabel="x (m)", ylabel="y (m)")
+    ax.ticklabel_format(useOffset=False, style="plain")
+    return ax
