@@ -286,10 +286,7 @@ _TRACES = {
 
 def causes_table() -> list[str]:
     """The causes that the diagnosis can name, a row for each."""
-    rows = (
-        f"| {cause.words[0]} | {_TRACES.get(name, cause.shown_by)} |"
-        for name, cause in CAUSES.items()
-    )
+    rows = (f"| {cause.words[0]} | {_TRACES[name]} |" for name, cause in CAUSES.items())
     return ["| cause | fingerprints |", "|---|---|", *rows]
 
 

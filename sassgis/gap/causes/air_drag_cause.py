@@ -109,10 +109,6 @@ CAUSE = Cause(
     group="along the way",
     phase="flight",
     draw=_draw,
-    shown_by="level speed lost on flights in time, in proportion to the square of the speed over "
-    "the size, and not aside; energy lost on every free flight between impacts, in proportion to "
-    "path over size, beyond what gravity gives while a contact lasts (0.1 s at most); C_d between "
-    "0.2 or 0.5, the errors of the two comparisons, and 2: more is not air",
     statistics=(
         Trace(
             "level speed lost in flight, over speed squared and size",

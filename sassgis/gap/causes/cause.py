@@ -167,7 +167,6 @@ class Cause:
     #: Of the observed motion in which it shows.
     phase: Literal["release", "flight", "impact", "observation"]
     draw: Callable[[Case, ParameterDraws], CausePart]  # form and parameters that are tried
-    shown_by: str  # its fingerprints in a sentence, for docs/gap.md
     statistics: tuple[Trace, ...]  # its fingerprints
     #: Its name in a sentence, and what it does, to follow "the gap is best explained by"; empty:
     #: those of the effect of the engine.

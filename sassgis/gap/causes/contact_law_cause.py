@@ -65,7 +65,5 @@ CAUSE = Cause(
     summary="another contact law: the same shift of rebound and slip for all sizes",
     weighed=False,
     draw=_draw,
-    shown_by="closes certainly more than any values of the ground; it is in the base, beyond which "
-    "all others are looked for",
     statistics=(),
 )

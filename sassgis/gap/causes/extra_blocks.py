@@ -48,12 +48,6 @@ from sassgis.gap.observations.observed import deposit_masses_kg
 from sassgis.gap.residuals.residual_table import ResidualTable
 from sassgis.grid import FloatArray
 
-_MASS_BUDGET = (
-    "mass budget, whatever the blocks are called: rocks and blocks are ranked by mass, and the "
-    "null is that of the errors of the masses. Rocks that passed the last station whole and lie "
-    "nowhere have left"
-)
-
 
 def _mass_scores(which: int) -> Scoring:
     """Score the budget: 0, missing and lying in fragments; 1, in addition."""
@@ -217,8 +211,6 @@ FRAGMENTATION = Cause(
     phase="impact",
     draw=_broken,
     closes=False,
-    shown_by="blocks that lie under the name of a rock as its pieces (R7.2 of R7); "
-    f"{_MASS_BUDGET}; what the ranks lack lies in pieces",
     statistics=(
         Trace(
             "rocks of which pieces lie under their name", _named_pieces, ("deposits",), clear=True
@@ -257,9 +249,6 @@ ENTRAINMENT = Cause(
     phase="impact",
     draw=_entrained,
     closes=False,
-    shown_by=f"{_MASS_BUDGET}; others that were not found may have left too, unless pieces "
-    "weigh three quarters of them: where these are more than a tenth of the rocks, they may as "
-    "well have broken; what is more than came down was set in motion",
     statistics=(
         Trace(
             "mass that lies beyond what was released",

@@ -103,11 +103,6 @@ CAUSE = Cause(
     group="sideways",
     phase="impact",
     draw=_draw,
-    shown_by="turn of the heading at impacts, of rocks that leave them faster than after a fall of "
-    "their own diameter, beyond that of the fall line and of simulated paths as fast; growth of "
-    "the lateral offset from the first station to all others and to the stop, beyond that of the "
-    "simulated rocks; tilt and drift of the simulated paths are at most as configured; both also "
-    "beyond what edges of blocks make anywhere, 10° and 15 % of the way",
     statistics=(
         Trace("turn of the heading at impacts", _turn, ("impacts",), clear=True),
         Trace(

@@ -263,11 +263,6 @@ CAUSE = Cause(
     closes=False,
     draw=_draw,
     measured=_measured,
-    shown_by="speeds as stated, on the path or at stations, against those from positions and times "
-    "of the path, all rocks alike or each by its own share; more energy gained between contacts "
-    "than the fall gives, or less on each flight of all rocks; what is off at one station is made "
-    "up for at the next; stops beside the fall line, where the rock was on it at a station at most "
-    "30 m above",
     statistics=(
         Trace(_IN_TIME, _all_alike, ("trajectories",), clear=True),
         Trace(_PASSING, _passing, ("passages", "stations", "trajectories"), clear=True),

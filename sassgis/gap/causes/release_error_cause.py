@@ -188,11 +188,6 @@ CAUSE = Cause(
     label="error of the release",
     summary="an error in the stated place or speed of the release",
     draw=_draw,
-    shown_by="first point of the path against the stated start; first contacts up or down the "
-    "slope from those of the model, both by more than 1.5 m and the errors; contacts more than 3 m "
-    "above the stated start; "
-    "an offset at the first station "
-    "that does not grow to the second; a speed that is wrong on the first reach alone",
     statistics=(
         Trace(
             "first point of the path against the stated start",

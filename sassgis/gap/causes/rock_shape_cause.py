@@ -57,7 +57,6 @@ CAUSE = Cause(
     group="contact",
     phase="impact",
     draw=fitted_alone(RockShape, FIT),
-    shown_by="speed after the impact, and on reaches, against the flatness of the rock",
     statistics=(
         Trace("rebound against the flatness of the rock", _rebound, ("rocks", "impacts")),
         Trace(

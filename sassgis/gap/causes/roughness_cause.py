@@ -61,8 +61,6 @@ CAUSE = Cause(
     group="contact",
     phase="impact",
     draw=_draw,
-    shown_by="scatter of the rebound beyond that of the model, the more the smaller the rock (that "
-    "of all sizes alike is left by edges of rocks, too); small rocks slow on all reaches",
     statistics=(
         Trace(
             "scatter of the rebound, the more the smaller the rock", _scatter_of_small, ("impacts",)

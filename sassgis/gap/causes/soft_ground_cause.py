@@ -137,9 +137,6 @@ CAUSE = Cause(
     group="contact",
     phase="impact",
     draw=_draw,
-    shown_by="energy that contacts lose on one yielding ground alone, in its upper and lower part, "
-    "beyond all usual values of its class; lost rebound there; large rocks that stop early at the "
-    "foot",
     statistics=(
         Trace(
             "energy lost at contacts beyond all usual values, on one yielding ground alone",

@@ -172,12 +172,6 @@ CAUSE = Cause(
     group="along the way",
     phase="flight",
     draw=_draw,
-    shown_by="speed lost on a path in time, at least 0.8 m above the resting position, "
-    "beyond twice what is gained away from the ground (more than 30 % and 5 standard deviations, "
-    "not all at one place); energy lost at once between two impacts (more than 15 % and 3.5 "
-    "standard deviations) on few of the flights that rise above the way between them by more than "
-    "the radius and half a metre and lead no farther than a free one, so that no contact can have "
-    "been missed; speed lost on one reach alone",
     statistics=(
         Trace("energy lost at once, on few flights", _on_few_flights, ("impacts",), clear=True),
         Trace(
