@@ -34,7 +34,7 @@ from sassgis.gap.observations.tables import (
     Stations,
     Table,
 )
-from sassgis.gap.verdict.verdict import CauseWeights, Thresholds, weights_of
+from sassgis.gap.verdict.verdict import FEATURES, CauseWeights, Thresholds
 from sassgis.grid import FloatArray, Grid, IntArray
 from sassgis.inputs.vector_features import nearest, onto_grid, text_of, without_repeats
 from sassgis.settings.schema import Input
@@ -346,24 +346,12 @@ def metadata_of(raw: RawTable) -> Metadata:
 THRESHOLDS = Path(str(files("sassgis").joinpath("data/gap_thresholds.json")))
 
 
-def read_thresholds(file: Path | None = None) -> dict[str, Any]:
-    """Return the frozen thresholds of the diagnosis; InputError if their file cannot be read.
+def read_thresholds() -> dict[str, Any]:
+    """Return the frozen thresholds and weights of the diagnosis.
 
     Its list ``battery_seeds`` names the batteries that were looked at while they were chosen.
     """
-    path = file or THRESHOLDS
-    try:
-        content = json.loads(path.read_text(encoding="utf-8"))
-    except (OSError, ValueError, RecursionError) as error:
-        reason = getattr(error, "strerror", None) or str(error)
-        raise InputError("thresholds cannot be read", file=path, found=reason) from None
-    seeds = content.get("battery_seeds") if isinstance(content, dict) else None
-    if not isinstance(seeds, list) or not all(isinstance(s, int) for s in seeds):
-        raise InputError(
-            "says not on which batteries the thresholds were chosen", file=path,
-            field="battery_seeds", found=seeds, expected="a list of whole numbers",
-        )  # fmt: skip
-    return dict(content)
+    return dict(json.loads(THRESHOLDS.read_text(encoding="utf-8")))
 
 
 def thresholds_of(content: dict[str, Any]) -> Thresholds:
@@ -373,9 +361,9 @@ def thresholds_of(content: dict[str, Any]) -> Thresholds:
 
 
 def cause_weights_of(content: dict[str, Any]) -> CauseWeights:
-    """Return weights in the content of their file; InputError if they are missing or no weights."""
-    try:
-        return weights_of(content["weights"])
-    except (KeyError, TypeError, ValueError) as error:
-        problem, found = "weights of the fingerprints cannot be read", repr(error)
-        raise InputError(problem, file=THRESHOLDS, field="weights", found=found) from None
+    """Return the weights of the fingerprints in the content of their file."""
+    own = content["weights"]
+    return CauseWeights(
+        np.array([float(own[name]) for name in FEATURES]),
+        *(float(own[field.name]) for field in fields(CauseWeights)[1:]),
+    )

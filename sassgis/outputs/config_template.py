@@ -97,14 +97,10 @@ def short_template(given: Given = ()) -> str:
         for key, text in lines.items():
             meaning = re.split(r"[;:] ", keys[name][key.removeprefix("# ")].description)[0]
             rows.append(f"{f'{key} = {text}':<{width}}  # {meaning}")
-            rows += _class_lines() if (name, key) == ("ground", "default") else []
+            if (name, key) == ("ground", "default"):
+                rows += [f"#   {own:<16} {what}" for own, what in CLASS_MEANINGS.items()]
         parts.append("\n".join(rows) + "\n")
     return "\n".join(parts)
-
-
-def _class_lines() -> list[str]:
-    """Return the built-in ground classes, a line for each."""
-    return [f"#   {name:<16} {meaning}" for name, meaning in CLASS_MEANINGS.items()]
 
 
 def _bracketed(section: str) -> str:

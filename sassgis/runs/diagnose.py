@@ -44,6 +44,7 @@ from sassgis.gap.diagnosis import (
     Verdict,
 )
 from sassgis.gap.fit.distances import RockDistances
+from sassgis.gap.fit.fit_errors import QUANTITIES
 from sassgis.gap.fit.hypothesis_fit import (
     CONTACT_LAW,
     NONE,
@@ -328,19 +329,14 @@ def _hypotheses(
     return tuple(sorted(found, key=lambda c: -c.probability))
 
 
-_SHOWN = {
-    "runout": ("runout_m", "m"),
-    "aside": ("lateral_m", "m"),
-    "speed": ("speed_mps", "m/s"),
-    "rotation": ("rotation_hz", "1/s"),
-    "height": ("height_m", "m"),
-    "blocks": ("stops_per_rock", ""),
-    "contacts": ("contacts", ""),
-    "fastest_second": ("fastest_second", "m/s"),
-    "between_contacts": ("between_contacts", "s"),
-    "hop_length_90": ("hop_length_90", "m"),
-    "hop_height_90": ("hop_height_90", "m"),
-    "rim_ratio": ("rim_ratio", ""),
+#: Columns of observations with some of the scored quantities.
+_COLUMNS = {
+    "runout": "runout_m",
+    "aside": "lateral_m",
+    "speed": "speed_mps",
+    "rotation": "rotation_hz",
+    "height": "height_m",
+    "blocks": "stops_per_rock",
 }
 
 
@@ -351,7 +347,7 @@ def _comparisons(
     out = []
     for i, name in enumerate(problem.scale.names):
         place, _, what = name.partition(":")
-        quantity, unit = _SHOWN[what]
+        quantity, unit = _COLUMNS.get(what, what), QUANTITIES[what][1]
         shown = problem.case.station_names[int(place[1:])] if place.startswith("S") else place
         given = (
             np.empty(0) if rows is None else values_of(problem.scale, rows, i)

@@ -7,7 +7,6 @@ import pytest
 from sassgis.errors import InputError
 from sassgis.files.plain_file import LONGEST_TEXT, check_text, read_text, toml_table
 from sassgis.inputs.csv_table import CsvColumn, csv_cells, csv_rows
-from sassgis.inputs.observation_values import read_thresholds
 from sassgis.inputs.result_folder import read_manifest
 
 
@@ -84,10 +83,7 @@ def test_limits_of_files(tmp_path) -> None:
 
 
 def test_nested_json(tmp_path) -> None:
-    """Of a result and of thresholds."""
     text = "[" * 100_000
     (tmp_path / "manifest.json").write_text(text)
     with pytest.raises(InputError, match=r"manifest\.json: cannot be read"):
         read_manifest(tmp_path)
-    with pytest.raises(InputError, match=r"manifest\.json: thresholds cannot be read"):
-        read_thresholds(tmp_path / "manifest.json")

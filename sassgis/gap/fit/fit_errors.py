@@ -71,7 +71,8 @@ def paired_gain(before: FloatArray, left_out: FloatArray) -> Interval:
     return mean_interval((before - left_out)[known] / whole)
 
 
-_NAMES = {
+#: Name and unit of the compared quantities.
+QUANTITIES = {
     "runout": ("run-out", "m"),
     "aside": ("lateral offset", "m"),
     "speed": ("speed", "m/s"),
@@ -98,7 +99,7 @@ def quantity_errors(
     found = []
     for name in site.quantities:
         place, _, what = name.partition(":")
-        title, unit = _NAMES[what]
+        title, unit = QUANTITIES[what]
         if place.startswith("S"):
             station = site.case.station_names[int(place[1:])]
             title = phrase("{} at {}", phrase(title), station)

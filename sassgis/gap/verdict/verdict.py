@@ -17,7 +17,7 @@ from __future__ import annotations
 import math
 from collections.abc import Container, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from scipy import stats
@@ -208,20 +208,13 @@ def fingerprints(case: Case, residuals: ResidualTable) -> tuple[Fingerprint, ...
     seen, unseen = list[Fingerprint](), list[Fingerprint]()  # p values are adjusted below
     for cause in CAUSES.values():
         for own in cause.statistics:
+            one = Fingerprint(cause.name, own.name, math.nan, math.nan, math.nan, False, 0)
             with suppress(Unseen):
                 scores = own.scores(case, residuals)
                 z, p, n = z_of_scores(scores, group)
                 if math.isfinite(z):
-                    seen.append(Fingerprint(
-                        effect=cause.name, statistic=own.name, value=scores.size, z=z, p_adjusted=p,
-                        observable=True, rocks=n,
-                    ))  # fmt: skip
-                    continue
-            none = math.nan
-            unseen.append(Fingerprint(
-                effect=cause.name, statistic=own.name, value=none, z=none, p_adjusted=none,
-                observable=False, rocks=0,
-            ))  # fmt: skip
+                    one = Fingerprint(cause.name, own.name, scores.size, z, p, True, n)
+            (seen if one.observable else unseen).append(one)
     adjusted = holm_adjusted(np.array([one.p_adjusted for one in seen])).tolist()
     seen = [replace(one, p_adjusted=p) for one, p in zip(seen, adjusted, strict=True)]
     return (*sorted(seen, key=lambda one: (one.p_adjusted, -one.z)), *unseen)
@@ -575,11 +568,3 @@ def evidence_of(
 
 def _count(z: float) -> float:
     return float(np.clip(z, 0.0, MOST_Z)) / Z_UNIT
-
-
-def weights_of(content: Mapping[str, float]) -> CauseWeights:
-    """Return weights from their file; KeyError, TypeError or ValueError if it has none."""
-    return CauseWeights(
-        np.array([float(content[name]) for name in FEATURES]),
-        *(float(content[f.name]) for f in fields(CauseWeights)[1:]),
-    )
