@@ -303,11 +303,6 @@ def uncertain_style() -> VectorStyle:
     )  # fmt: skip
 
 
-def open_limit_style() -> VectorStyle:
-    """Return a broad line in magenta, which no level has, where a zone is open."""
-    return VectorStyle(Symbol("line", "#d400aa", size_mm=1.2))
-
-
 def zone_style(column: str, entries: Sequence[tuple[str, str, str, bool]]) -> VectorStyle:
     """Make a sign per code, the last first; entries: code, label, ``#rrggbb``, hatched."""
     return VectorStyle(

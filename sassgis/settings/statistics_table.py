@@ -139,19 +139,16 @@ def _energy_steps(largest_kj: float) -> int:
 
 
 def _energy_edges(largest_kj: float) -> FloatArray:
-    """Return edges (kJ)."""
     steps = np.arange(-60, _energy_steps(largest_kj) + 1)
     return np.concatenate([[0.0], 30.0 * 10.0 ** (steps / 20.0)])
 
 
 def _height_edges(largest_m: float) -> FloatArray:
-    """Return edges (m)."""
     steps = max(int(np.ceil(np.log(max(largest_m, 4.0) / 2.0) / np.log(1.06))), 1)
     return np.concatenate([np.arange(0.0, 2.0, 0.1), 2.0 * 1.06 ** np.arange(steps + 1)])
 
 
 def _speed_edges(largest_mps: float) -> FloatArray:
-    """Return edges (m/s)."""
     fast = np.arange(20.0, max(largest_mps, 22.0) + 1.0, 1.0)
     return np.concatenate([np.arange(0.0, 20.0, 0.5), fast])
 

@@ -208,6 +208,8 @@ EDIT_STYLE = VectorStyle(
 ASSESSED_STYLE = VectorStyle(
     Symbol("fill", "#222222", opacity=0.0, outline="#222222", outline_mm=0.6, dash="dash")
 )
+#: Where a zone is open: a broad line in magenta, which no level has.
+OPEN_LIMIT_STYLE = VectorStyle(Symbol("line", "#d400aa", size_mm=1.2))
 #: Where blocks came at all: thinner than any limit of a zone.
 REACHED_STYLE = VectorStyle(
     Symbol("fill", "#404040", opacity=0.0, outline="#404040", outline_mm=0.15, dash="dot")

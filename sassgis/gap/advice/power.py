@@ -21,7 +21,7 @@ from scipy import stats
 from sassgis.errors import InputError
 from sassgis.gap.causes import trees_cause
 from sassgis.gap.causes.all_causes import CAUSES
-from sassgis.gap.causes.cause import CausePart, ParameterDraws, Range
+from sassgis.gap.causes.cause import CausePart, ParameterDraws
 from sassgis.gap.constants import (
     LEAST_PLANNED_M,
     NAMED_POWER,
@@ -90,12 +90,7 @@ class Strength:
         return CAUSES[cause].draw(case, ParameterDraws(None, drawn))
 
 
-def _share_of(value: float, limits: Range) -> float:
-    """Return the share of a range, on its logarithmic scale, at which a value lies."""
-    return math.log(value / limits.low) / math.log(limits.high / limits.low)
-
-
-_EFFICIENCY = trees_cause.FIT.ranges["efficiency"]
+_USUAL_EFFICIENCY = trees_cause.FIT.ranges["efficiency"].share(1.0)
 _FALLING, _UPPER_HALF = (1.0, 0.0), (0.5, 1.0)
 
 
@@ -118,7 +113,7 @@ STRENGTHS: Mapping[str, Strength] = {
     "air_drag": _first_form("air_drag", "C_d", "drag_coefficient"),
     "trees": Strength(
         "stems per hectare", "stand.stems", "stems_per_ha",
-        fixed={"trees.form": 0.0, "trees.efficiency": _share_of(1.0, _EFFICIENCY)},
+        fixed={"trees.form": 0.0, "trees.efficiency": _USUAL_EFFICIENCY},
     ),
     "fragmentation": _first_form("fragmentation", "breaking from, J/kg", "energy_jkg", *_FALLING),
     "entrainment": _first_form("entrainment", "blocks per impact", "number"),

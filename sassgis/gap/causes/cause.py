@@ -41,6 +41,12 @@ class Range:
     high: float
     scale: Literal["linear", "log"] = "linear"
 
+    def share(self, value: float) -> float:
+        """Return the share of the range at which a value lies; above 1 beyond it."""
+        if self.scale == "log":
+            return float(np.log(max(value, self.low) / self.low) / np.log(self.high / self.low))
+        return (value - self.low) / (self.high - self.low)
+
 
 class ParameterDraws:
     """Where the parameters of a draw come from: a number in [0, 1) under each name.

@@ -92,13 +92,6 @@ class ClassParameter:
         at = low + (high - low) * np.asarray(share, np.float64)
         return np.exp(at) if log else at
 
-    def share(self, value: float) -> float:
-        """Return the share of the range at which a value lies; above 1 beyond it."""
-        own = self.limits
-        if own.scale == "log":
-            return float(np.log(max(value, own.low) / own.low) / np.log(own.high / own.low))
-        return (value - own.low) / (own.high - own.low)
-
     @property
     def spread(self) -> float:
         """Standard deviation of the prior in the unit of the parameter, at the configured value."""
@@ -108,7 +101,7 @@ class ClassParameter:
     @property
     def start(self) -> float:
         """Share of the range at which the configured value lies; the nearer limit if outside."""
-        return min(max(self.share(self.configured), 0.0), 1.0)
+        return min(max(self.limits.share(self.configured), 0.0), 1.0)
 
 
 def fitted_names(names: Iterable[str] | None, engines: Iterable[EngineSettings]) -> tuple[str, ...]:
@@ -151,7 +144,7 @@ def parameters_of(
             one = ClassParameter(own, name, RANGES[name], float(getattr(ground, name)))
             if (between := spread.get((own, name))) is not None:
                 # On the scale of the search, so that a factor counts alike up and down.
-                low, high = one.share(between.low), one.share(between.high)
+                low, high = one.limits.share(between.low), one.limits.share(between.high)
                 one = replace(one, sd=replace(between, low=low, high=high).sd)
             found.append(one)
     return tuple(found)
@@ -279,7 +272,7 @@ def _with_shift(ground: GroundClass, shift: FloatArray) -> GroundClass:
     values = {}
     for (name, (limits, sd)), own in zip(_RANGES.items(), shift[:-1].tolist(), strict=True):
         one = ClassParameter(ground.name, name, limits, float(getattr(ground, name)))
-        share = min(max(one.share(one.configured) + sd * own, 0.0), 1.0)
+        share = min(max(limits.share(one.configured) + sd * own, 0.0), 1.0)
         values[name] = rounded(float(one.value(share)))
     return replace(ground, **values)  # type: ignore[arg-type]
 

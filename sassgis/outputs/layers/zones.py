@@ -16,7 +16,6 @@ from sassgis.hazard.assess import Hazard, raster, shares_by
 from sassgis.hazard.levels import (
     hazard_level_style,
     level_change_style,
-    open_limit_style,
     uncertain_style,
 )
 from sassgis.hazard.zoning.applied_edits import AppliedEdit, shares_text
@@ -24,7 +23,7 @@ from sassgis.hazard.zoning.coverage import Coverage, cell_polygons
 from sassgis.inputs.vectors import edit_fields
 from sassgis.settings.hazard_rules import NO_LEVEL, HazardPreset
 from sassgis.settings.languages import translated
-from sassgis.settings.styles import EDIT_STYLE, REACHED_STYLE, VectorStyle
+from sassgis.settings.styles import EDIT_STYLE, OPEN_LIMIT_STYLE, REACHED_STYLE, VectorStyle
 
 #: Sources that are named in the table of a zone.
 _NAMED_SOURCES = 5
@@ -132,7 +131,7 @@ def open_limits(hazard: Hazard, preset: HazardPreset, grid: Grid) -> VectorLayer
         "hazard_level": [preset.levels[k - 1].code for k in hazard.levels.classes[zone]],
         "length_m": np.round(length[zone], 1),
     }
-    return described_layer("open_limits", columns, list(limits[zone]), grid.crs, open_limit_style())
+    return described_layer("open_limits", columns, list(limits[zone]), grid.crs, OPEN_LIMIT_STYLE)
 
 
 def changes(before: Coverage, after: Coverage) -> gpd.GeoDataFrame:

@@ -541,7 +541,8 @@ def parameters_figure(fitted: Sequence[Fitted]) -> Figure:
     figure = style.new_figure(style.WIDTH_IN, 0.55 + 0.24 * len(fitted))
     ax = figure.subplots()
     for k, f in enumerate(fitted):
-        own, ends = f.parameter.limits, [f.parameter.share(value) for value in (f.low, f.high)]
+        own = f.parameter.limits
+        ends = [own.share(value) for value in (f.low, f.high)]
         colour = style.BLUE if f.identified else style.GREY
         ax.plot([0.0, 1.0], [k, k], color=style.LIGHT, lw=1.0, zorder=1)
         ax.plot(ends, [k, k], color=colour, lw=3.5, solid_capstyle="butt", zorder=2)

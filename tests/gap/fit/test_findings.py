@@ -16,7 +16,7 @@ from sassgis.report.figures.gap_figures import quantity_curves_figure
 
 def fitted(name: str, parameter: str, before: float, after: float, limit: str = "") -> Fitted:
     one = ClassParameter(name, parameter, RANGES[parameter], before, 0.1)
-    return Fitted(one, one.share(after), after, after, after, True, 0.5, limit)
+    return Fitted(one, one.limits.share(after), after, after, after, True, 0.5, limit)
 
 
 def kinds(*values: Fitted) -> list[str]:
