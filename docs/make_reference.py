@@ -286,7 +286,8 @@ _TRACES = {
 
 def causes_table() -> list[str]:
     """The causes that the diagnosis can name, a row for each."""
-    rows = (f"| {cause.words[0]} | {_TRACES[name]} |" for name, cause in CAUSES.items())
+    traces = {n: "; ".join(own.name for own in c.statistics) for n, c in CAUSES.items()} | _TRACES
+    rows = (f"| {cause.words[0]} | {traces[name]} |" for name, cause in CAUSES.items())
     return ["| cause | fingerprints |", "|---|---|", *rows]
 
 

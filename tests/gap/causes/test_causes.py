@@ -35,7 +35,6 @@ def blown(case: Case, residuals: object) -> Scores:
 
 WIND = Cause(
     "wind", number=11, group="along the way", phase="flight", draw=fitted_alone(Wind, FIT),
-    shown_by="rocks that are blown",
     statistics=(Trace("rocks are blown", blown, ("trajectories",), clear=True),),
 )  # fmt: skip
 
