@@ -16,8 +16,8 @@ import numpy as np
 from matplotlib.figure import Figure
 from mpl_toolkits.mplot3d.axes3d import Axes3D
 
-from sassgis.engine.ellipse import frame_of, inertia
-from sassgis.engine.impact import turn_about_contact
+from sassgis.engine.ellipse import contact_frame, inertia
+from sassgis.engine.impact import energy_kept
 from sassgis.grid import FloatArray
 from sassgis.report.figures import save
 from sassgis.report.figures.style import INK, SMALL, TEXT, TITLE, WIDTH_IN, house_style, new_figure
@@ -59,10 +59,9 @@ def eta_min(ratio: float, gamma_deg: float, alpha_deg: float) -> float:
     # The normal at P stands at phi to the major axis; P below the centre puts the axis at theta.
     phi = math.atan2(math.sin(gamma), ratio * ratio * math.cos(gamma))
     theta = phi - 0.5 * math.pi
-    x, y, _ = frame_of(1.0, ratio, math.sin(theta), math.cos(theta))
-    alpha, own = math.radians(alpha_deg), inertia(1.0, ratio)
-    vx, vy, omega = turn_about_contact(x, y, own, math.sin(alpha), -math.cos(alpha), 0.0)
-    return float(vx * vx + vy * vy + own * omega * omega)
+    x, y, _ = contact_frame(1.0, ratio, theta)
+    alpha = math.radians(alpha_deg)
+    return float(energy_kept(x, y, inertia(1.0, ratio), math.sin(alpha), -math.cos(alpha), 0.0))
 
 
 @house_style()

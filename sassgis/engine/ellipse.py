@@ -42,14 +42,19 @@ def inertia(a: float, b: float) -> float:
 
 
 @lean
-def frame_of(a: float, b: float, s: float, c: float) -> tuple[float, float, float]:
+def contact_frame(a: float, b: float, theta: float) -> tuple[float, float, float]:
     """Return the centre as seen from the point of contact, in local axes (m).
 
     Its distance x along the tangent and y along the outward normal, and the curvature: y is the
     support function of the ellipse, x its derivative and the curvature its second derivative.
-    ``s``, ``c``: sine and cosine of the angle of the major axis, counter-clockwise from the
-    tangent.
+    ``theta`` is the angle of the major axis, counter-clockwise from the tangent (rad).
     """
+    return frame_of(a, b, math.sin(theta), math.cos(theta))
+
+
+@lean
+def frame_of(a: float, b: float, s: float, c: float) -> tuple[float, float, float]:
+    """Compute contact_frame from the sine and cosine of the angle."""
     y = math.sqrt(a * a * s * s + b * b * c * c)
     x = (a * a - b * b) * s * c / y
     curvature = ((a * a - b * b) * (c * c - s * s) - x * x) / y

@@ -19,6 +19,16 @@ RULES = {"scale": SCALE, "coulomb": COULOMB, "restitution": RESTITUTION}
 
 
 @lean
+def energy_kept(x: float, y: float, inertia: float, vx: float, vy: float, omega: float) -> float:
+    """Return η_min, equation (6): share of the energy kept where the block turns about P."""
+    before = inertia * omega * omega + vx * vx + vy * vy
+    if before == 0.0:
+        return 1.0
+    momentum = inertia * omega + y * vx - x * vy
+    return momentum * momentum / (before * (inertia + x * x + y * y))
+
+
+@lean
 def turn_about_contact(
     x: float, y: float, inertia: float, vx: float, vy: float, omega: float
 ) -> tuple[float, float, float]:

@@ -17,7 +17,7 @@ from sassgis.engine.effects.entrainment import Entrainment
 from sassgis.engine.effects.rock_shape import RockShape
 from sassgis.engine.effects.roughness import Roughness
 from sassgis.engine.effects.soft_ground import SoftGround
-from sassgis.engine.ellipse import frame_of
+from sassgis.engine.ellipse import contact_frame
 from sassgis.errors import ConfigError
 from sassgis.settings.blocks import EffectSettings
 from sassgis.settings.ground import GroundTable
@@ -40,11 +40,6 @@ def first_impact(effects, blocks=TILTED, table=None, line=FLAT):
     log = out.event_logs[0]
     i = int(np.flatnonzero(log["phase"] == lab.IMPACT)[0])
     return log[i], log[i + 1], out.rocks[0]
-
-
-def turned(met):
-    """Sine and cosine of the angle of the major axis."""
-    return math.sin(met["theta_rad"]), math.cos(met["theta_rad"])
 
 
 def soft(*args, **settings):
@@ -135,7 +130,7 @@ def test_slip_leaves_a_spin_deficit():
     # Without slip the contact point rests after an impact: v_t' = y ω'.
     for effects, slides in ((None, False), (soft("slip", friction=0.05), True)):
         met, leaves, rock = first_impact(effects, table=lab.plain(eta_max=1.0))
-        _, y, _ = frame_of(rock["a_m"], rock["b_m"], *turned(met))
+        _, y, _ = contact_frame(rock["a_m"], rock["b_m"], met["theta_rad"])
         deficit = leaves[VX] - y * leaves[OMEGA]
         assert (abs(deficit) > 0.5) == slides
         assert slides or abs(deficit) < 1e-9
@@ -285,7 +280,7 @@ def test_mean_inertia_is_the_mean_of_the_three():
     # At an impact: ω' = (I ω + y v_x − x v_y) / (I + x² + y²), with that I.
     form = EffectSettings(RockShape("mean_inertia"))
     met, leaves, rock = first_impact(form, table=lab.plain(eta_max=1.0))
-    x, y, _ = frame_of(rock["a_m"], rock["b_m"], *turned(met))
+    x, y, _ = contact_frame(rock["a_m"], rock["b_m"], met["theta_rad"])
     inertia = rock_shape.tumbling_inertia(rock["a_m"], rock["b_m"], rock["c_m"])
     after = (inertia * met[OMEGA] + y * met[VX] - x * met[VZ]) / (inertia + x * x + y * y)
     assert leaves[OMEGA] == pytest.approx(after, rel=1e-9)
