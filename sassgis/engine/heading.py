@@ -70,6 +70,8 @@ _SMALL = 0.02
 _NO_TURN = 1e-9
 # After a larger turn the ground behind the block is no longer that of before (rad).
 _FAR_TURN = 0.2
+# A block sticks in the ground that rose about it as its path turned if it lies deeper than this (m).
+_SUNK_M = 1e-3
 # The ground under a block is no steeper than this (m per m): 86 degrees.
 _STEEPEST = 14.1
 # A block that advances by less than this (m) in each of so many stretches is wedged.
@@ -227,6 +229,9 @@ def turn_heading(
         state.skip_to = max(behind - left if back else behind + left, -1)
     begin_profile(state, block, site, path, z0, after, ground, gravity, behind)
     raised = _rests_at(state, block, site) - rests
+    if raised < 0.0 and rests - state.z > _SUNK_M:
+        # It already lies lower than it would touch: lowered again, it would fall through.
+        raised = min(raised + rests - state.z, 0.0)
     if abs(raised) < block.a:
         paid = min(raised, _kinetic(state, block) / gravity)
         state.z += paid
