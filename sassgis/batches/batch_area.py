@@ -304,6 +304,7 @@ def _run_cut(setting: Setting, candidate: Candidate, cut: Windowed, place: Workp
             tuple(placed.objects[i] for i in objects), tuple(placed.geometries[i] for i in objects)
         ),
         vulnerability=setting.rules.vulnerability if objects else None,
+        some_areas=len(setting.names) > 1,
     )
     job = prepared(Job(config, run, cut.planned, cut.notices), rules)
     with staged_output(folder, overwrite=True) as work:

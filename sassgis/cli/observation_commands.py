@@ -58,7 +58,7 @@ def calibrate(
     if len(more) % 2:
         raise click.UsageError(f"{more[-1]}: a configuration without observations; give pairs")
     sites = [(config, observations), *zip(more[::2], more[1::2], strict=True)]
-    with at_work(given) as how, settings_as_options({"classes": "--class"}):
+    with at_work(given) as how, settings_as_options({"classes": "--class"}, True):
         result = run_calibration(sites, out, **how)
     notes(calibration_warnings(result))
     click.echo(verdict(result))

@@ -206,10 +206,13 @@ def command(*parameters: Decorator, example: str, **more: Any) -> Callable[[Any]
 
 
 @contextmanager
-def settings_as_options(options: Mapping[str, str] = MappingProxyType({})) -> Iterator[None]:
+def settings_as_options(
+    options: Mapping[str, str] = MappingProxyType({}), with_config: bool = False
+) -> Iterator[None]:
     """Have errors speak of the options of a command, not of settings.
 
-    ``options``: those of the command, by the field that an error names.
+    ``options``: those of the command, by the field that an error names. A command ``with_config``
+    has no options for the coordinate system of the terrain model.
     """
     from sassgis.errors import InputError
     from sassgis.inputs.dem_system import in_options
@@ -218,8 +221,9 @@ def settings_as_options(options: Mapping[str, str] = MappingProxyType({})) -> It
         yield
     except InputError as error:
         field = options.get(error.field or "", error.field)
-        texts = {"field": field, "expected": error.expected}
-        stated = {key: text and in_options(text) for key, text in texts.items()}
+        stated = {"field": field, "expected": error.expected}
+        if not with_config:
+            stated = {key: text and in_options(text) for key, text in stated.items()}
         if stated == {"field": error.field, "expected": error.expected}:
             raise
         raise InputError(**error.parts(**stated)) from None

@@ -70,7 +70,7 @@ _SMALL = 0.02
 _NO_TURN = 1e-9
 # After a larger turn the ground behind the block is no longer that of before (rad).
 _FAR_TURN = 0.2
-# A block sticks in the ground that rose about it as its path turned if it lies deeper than this (m).
+# As its path turns, the ground may rise about a block: it is sunk if it lies deeper by this (m).
 _SUNK_M = 1e-3
 # The ground under a block is no steeper than this (m per m): 86 degrees.
 _STEEPEST = 14.1

@@ -112,7 +112,7 @@ def _why(diagnosis: Diagnosis) -> ReportAnswer:
         out.append(
             "The confidence was measured on synthetic sites. Treat this as a lead, not a finding."
         )
-    if verdict.confidence < verdict.ranked.get(verdict.effect, 0.0):
+    if not verdict.named and verdict.confidence < verdict.ranked.get(verdict.effect, 0.0):
         out.append(
             "The confidence is lower than the probability in the list of causes: it is limited to "
             "the share of synthetic sites at which this answer was right."

@@ -49,11 +49,24 @@ def runout_words(counts: IntArray, text: str) -> str:
     return phrase(text, *(sensible(metres) for metres in within_metres(counts, 0.5, 0.95, 1.0)))
 
 
+#: Where more of the blocks leave the terrain, they change the 95 % run-out.
+_MANY_LEFT = 0.05
+
+
+def _with_pieces(words: str, pieces: int) -> str:
+    """Add to the run-out of released blocks that others are not in it."""
+    text = "{}. Without {} fragments and entrained blocks, which may go farther."
+    return phrase(text, words, thousands(pieces)) if pieces else words
+
+
 def run_lines(progress: Progress, angles: ReachAngles) -> Lines:
     """State run-out of started blocks, and the angles under which their stops are seen."""
     text = "median {} m, 95 % of the blocks within {} m, longest {} m (along the path, in plan)"
     words = runout_words(progress.started_runout, text)
-    lines = [("Run-out", words)] if words else []
+    if progress.lost_share > _MANY_LEFT:
+        text = "{}. {} % of the blocks left the terrain: their run-outs are longer."
+        words = phrase(text, words, f"{100.0 * progress.lost_share:.0f}")
+    lines = [("Run-out", _with_pieces(words, progress.pieces))] if words else []
     for name, values, text in (
         (
             "Reach angle",
@@ -79,11 +92,11 @@ def profile_lines(result: ProfileResult) -> Lines:
     bins = np.maximum(np.ceil(result.rocks["runout_m"][started]) - 1.0, 0.0).astype(np.int64)
     text = "median {} m, 95 % of the blocks within {} m, longest {} m (chainage)"
     words = runout_words(np.bincount(bins), text)
-    left = int(np.sum(result.rocks["reason"] == StopReason.LEFT_PROFILE))
-    if left:
-        text = "{}. {} of {} blocks left the profile: their run-outs are longer."
-        words = phrase(text, words, left, result.rocks.size)
-    lines = [("Run-out", words)] if words else []
+    moving = np.isin(result.rocks["reason"], (StopReason.LEFT_PROFILE, StopReason.STEP_LIMIT))
+    if moving.any():
+        text = "{}. {} of {} blocks were still moving there: their run-outs are longer."
+        words = phrase(text, words, int(moving.sum()), int(started.sum()))
+    lines = [("Run-out", _with_pieces(words, result.pieces.size))] if words else []
     for k, (line, _) in enumerate(result.profile.control_lines):
         energy = result.control_lines.distribution(k, "energy_kj")
         of = (energy.count, result.rocks.size + result.pieces.size)
@@ -185,7 +198,7 @@ def line_figure(shown: LinePaths) -> Figure:
 def station_figures(
     control_lines: ControlLineSums,
     n: int,
-    pieces: int,
+    pieces: bool,
     folder: Path,
     caption: str,
     alts: Mapping[str, str],
@@ -202,8 +215,7 @@ def station_figures(
         name, kind = lines[i].name, lines[i].kind
         title = named(name) if kind == "station" else phrase("{} ({})", name, phrase(kind))
         figure = figures.station_figure(title, *bins, n=n, pieces=pieces)
-        text = "Passing blocks: {}" if kind == "station" else "Arriving blocks: {}"
-        title, alt = phrase(text, name), alts.get(name, "")
+        title, alt = phrase("Arriving blocks: {}", name), alts.get(name, "")
         out.append(picture(folder, f"station_{stem}", title, caption, figure, alt))
     return out
 
@@ -319,7 +331,9 @@ def passing_figures(progress: Progress, folder: Path) -> list[ReportFigure]:
     total = int(progress.reasons.sum())
     caption = _CONTROL_LINE_TABLES[0][-1]
     alts = {row["name"]: station_alt(row) for row in control_line_rows(progress.control_lines)}
-    return station_figures(progress.control_lines, total, progress.pieces, folder, caption, alts)
+    return station_figures(
+        progress.control_lines, total, progress.pieces > 0, folder, caption, alts
+    )
 
 
 def block_pictures(
@@ -451,7 +465,7 @@ def profile_panel(result: ProfileResult, title: str = "") -> figures.ProfilePane
     """Return the slope with trajectories, control lines and stops, for one or several panels."""
     p = result.profile
     ended = np.concatenate([result.rocks, result.pieces])
-    drawn = (ended["rock"] < result.drawn) & (ended["reason"] != StopReason.BROKEN)
+    drawn = (ended["rock"] < result.drawn) & np.isin(ended["reason"], _STOPPED)
     return figures.ProfilePanel(
         s=p.s,
         z=p.z,
@@ -459,7 +473,7 @@ def profile_panel(result: ProfileResult, title: str = "") -> figures.ProfilePane
         ground=p.ground.astype(np.int64),
         ground_names=[ground_name(name) for name in p.table.names],
         control_lines=[(g, c, float(np.interp(c, p.s, p.z))) for g, c in p.control_lines],
-        stops=ended["runout_m"][drawn & np.isin(ended["reason"], _STOPPED)],
+        stops=ended["runout_m"][drawn],
         title=title or p.name,
     )
 
@@ -527,5 +541,5 @@ def _profile_pictures(result: ProfileResult, folder: Path) -> list[ReportFigure]
     out.append(picture(folder, "runout", "Run-out", caption, figure))
     caption = "First downhill passage."
     return out + station_figures(
-        result.control_lines, result.rocks.size, result.pieces.size, folder, caption, {}
+        result.control_lines, result.rocks.size, result.pieces.size > 0, folder, caption, {}
     )

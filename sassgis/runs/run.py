@@ -17,7 +17,7 @@ from sassgis.hazard.assess import Assessment, Rules, assess
 from sassgis.hazard.sources import sampled_sources
 from sassgis.inputs.config import as_named
 from sassgis.inputs.result_folder import read_manifest
-from sassgis.inputs.vectors import read_edits, with_earlier
+from sassgis.inputs.vectors import read_edits, release_names, with_earlier
 from sassgis.outputs.manifest import plain
 from sassgis.runs.inputs import (
     collected_notices,
@@ -230,7 +230,11 @@ def zone(
         job = read_job(config, areas, tell)
         rules = read_rules(config, job.run)
         edits = read_edits(config.edits, rules.preset, job.run.grid)
-        rules = replace(rules, edits=with_earlier(edits, Path(out)), some_areas=areas is not None)
+        known_areas = release_names(config.release)
+        rules = replace(
+            rules, edits=with_earlier(edits, Path(out)),
+            some_areas=len(job.run.areas) < len(known_areas),
+        )  # fmt: skip
         job = prepared(job, rules)
         known = spread_rules(config, job.run)
         jobs = jobs_within(config, job.run, jobs, memory_gb)

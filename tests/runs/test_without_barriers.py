@@ -154,9 +154,11 @@ def test_nothing_is_simulated_without_barriers_where_nobody_asks(case: Case, job
     assert compared_run(asked, replace(stations, control_lines=LINES)).further_stations is None
 
 
-def _zone_case(folder: Path, *nets: dict[str, Any]) -> Path:
+def _zone_case(folder: Path, *nets: dict[str, Any], blocks_max: int = 900) -> Path:
     """A zoning of two areas, one far below the other, in rounds, with some nets."""
-    case = two_areas(folder, hazard={"ref_width_m": 6.0, "blocks": "auto", "blocks_max": 900})
+    case = two_areas(
+        folder, hazard={"ref_width_m": 6.0, "blocks": "auto", "blocks_max": blocks_max}
+    )
     # The second area lies below all places at which a net of the first may stand.
     areas = [box(4.0, 20.0, 8.0, 9.0), box(50.0, 52.0, 7.0, 9.0)]
     case.write_layer("release.gpkg", areas, {"name": ["north", "south"]})
@@ -188,7 +190,9 @@ def test_only_areas_near_a_changed_barrier_are_simulated_again(tmp_path: Path) -
     _, first = _simulated(config, tmp_path / "first", before := [])
     # The north net is moved; another is new, and the south one, which stays, has another place in
     # the list.
-    config = _zone_case(tmp_path, _net("new", 12.0, 24.0), other, _net("north", 15.0, 22.0, 3.0))
+    # A larger budget adds no blocks.
+    nets = _net("new", 12.0, 24.0), other, _net("north", 15.0, 22.0, 3.0)
+    config = _zone_case(tmp_path, *nets, blocks_max=9000)
     settings, again = _simulated(config, tmp_path / "again", chunks := [], tmp_path / "first")
     progress = again.progress
     assert progress.reused == (1,) and 0 < len(chunks) < len(before)

@@ -111,7 +111,7 @@ def test_columns_and_layers_of_a_result_are_named_in_all_languages() -> None:
         (phrase("Reference width {} m.", "10"), "Bezugsbreite 10 m."),
         # A part that is no phrase is a name, even where it is the name of something.
         (phrase("No block reaches: {}.", "net"), "Kein Block erreicht: net."),
-        (phrase("Passing blocks: {}", phrase("net")), "Passierende Blöcke: Netz"),
+        (phrase("Arriving blocks: {}", phrase("net")), "Ankommende Blöcke: Netz"),
         (joined("; ", (phrase("station"), phrase("net"), "A")), "Station; Netz; A"),
         # Parts by name, one of them a phrase.
         (

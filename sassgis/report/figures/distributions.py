@@ -138,16 +138,16 @@ def _panel(ax: Axes, name: str, histogram: Histogram, log: bool) -> None:
 
 
 @style.house_style()
-def station_figure(name: str, *histograms: Histogram, n: int, pieces: int = 0) -> Figure:
+def station_figure(name: str, *histograms: Histogram, n: int, pieces: bool = False) -> Figure:
     """Draw speed, rotation, height and energy of the blocks that arrive at a station or barrier.
 
-    They are of n released blocks and so many fragments and entrained blocks.
+    They are of n released blocks; with ``pieces`` also fragments and entrained blocks.
     """
-    text = "{} of {} simulated blocks arrive"
-    if pieces:
-        text = "{} of {} blocks, fragments and entrained blocks arrive"
     arrived = thousands(int(np.sum(histograms[0].counts)))
-    figure = style.Sheet(name, phrase(text, arrived, thousands(n + pieces)), 4.1).figure
+    words = phrase("{} of {} simulated blocks arrive", arrived, thousands(n))
+    if pieces:
+        words = phrase("{} blocks, fragments and entrained blocks arrive", arrived)
+    figure = style.Sheet(name, words, 4.1).figure
     axes = figure.subplots(2, 2)
     quantities = ("speed", "rotation", "passing height", "kinetic energy")
     for ax, quantity, histogram in zip(axes.flat, quantities, histograms, strict=True):

@@ -238,9 +238,11 @@ def plain_tick(value: float, _: object = None) -> str:
     """Return tick label of a logarithmic axis."""
     if value >= 1.0:
         return thousands(value)
-    tens = np.log10(value) if value > 0.0 else np.nan
-    is_power = value < 0.9e-4 and np.isclose(tens, np.round(tens))
-    return power_of_ten(round(tens)) if is_power else f"{value:.3g}"
+    if not 0.0 < value < 0.9e-4:
+        return f"{value:.3g}"
+    tens = int(np.floor(np.log10(value) + 1e-9))
+    digit = f"{value / 10.0**tens:.2g}"
+    return power_of_ten(tens) if digit == "1" else f"{digit}·{power_of_ten(tens)}"
 
 
 def ink_on(colour: str, opacity: float = 1.0) -> str:
