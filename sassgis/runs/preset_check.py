@@ -17,6 +17,7 @@ from sassgis.outputs.swiss.federal_model import has_federal_codes
 from sassgis.report.figures.hazard_figures import preset_figure
 from sassgis.report.figures.style import to_png
 from sassgis.settings.hazard_rules import HazardLevel, HazardPreset
+from sassgis.settings.results import thousands
 from sassgis.settings.styles import rgb
 
 #: Colours closer than this (of 255, mean of red, green and blue) look alike on a sheet: our choice.
@@ -49,7 +50,7 @@ class PresetReport:
         ]
         fields = sum(map(len, own.matrix))
         rarest = own.rarest_years
-        none = "" if rarest is None else f", no level beyond {rarest:g} years"
+        none = "" if rarest is None else f", no level beyond {thousands(rarest)} years"
         return [
             *out,
             "",

@@ -56,19 +56,19 @@ def test_unverified_values_are_told_once_per_source() -> None:
     limits, ours = preset_unverified(read_preset("ch-so"))
     assert limits.startswith("Preset ch-so, unverified: intensity low, intensity medium, ")
     assert ours.startswith(
-        "Preset ch-so, unverified: no level beyond 10000 years, "
+        "Preset ch-so, unverified: no level beyond 10\u202f000 years, "
         "zones of at least 2 mm and 40 mm² on the sheet. Our choice"
     )
     ticino = preset_unverified(read_preset("ti"))
     assert [line.split(". ")[0] for line in ticino] == [
         "Preset ti, unverified: intensity bassa, intensity media, intensity alta",
-        "Preset ti, unverified: no level beyond 10000 years, "
+        "Preset ti, unverified: no level beyond 10\u202f000 years, "
         "zones of at least 2 mm and 40 mm² on the sheet",
         "Preset ti, unverified: the whole matrix",
     ]
     assert unverified_in_short(read_preset("ti")) == [
         "Preset ti, unverified: intensity bassa, intensity media, intensity alta, no level beyond "
-        "10000 years, zones of at least 2 mm and 40 mm² on the sheet, the whole matrix. "
+        "10\u202f000 years, zones of at least 2 mm and 40 mm² on the sheet, the whole matrix. "
         "See the report."
     ]
 
