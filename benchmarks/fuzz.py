@@ -45,7 +45,7 @@ from sassgis.inputs.observation_files import read_observations
 from sassgis.inputs.tiles import read_terrain
 from sassgis.inputs.vectors import read_release
 from sassgis.outputs.gap_files import classes_csv
-from sassgis.runs.calibrate import DrawStore
+from sassgis.runs.draw_store import DrawStore
 from sassgis.settings.exposure import ObjectSettings
 from sassgis.settings.settings import ReleaseSettings
 

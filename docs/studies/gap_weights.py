@@ -45,13 +45,13 @@ from gap_check.worlds import FAMILIES, WorldSpec, battery, world_seeds
 from study_tables import between_marks, table
 
 from sassgis.errors import InputError
-from sassgis.gap.advice.power import with_campaign
 from sassgis.gap.causes.all_causes import CAUSES, STATISTICS
 from sassgis.gap.constants import FIT_DRAWS, SHOWING_GAIN
 from sassgis.gap.diagnosis import CauseGain, Fingerprint
 from sassgis.gap.fit.hypothesis_fit import CONTACT_LAW, NONE, UNKNOWN, HypothesisFits
 from sassgis.gap.fit.linear_fit import summary_of
 from sassgis.gap.fit.site_data import site_data_of
+from sassgis.gap.forward.campaign_case import with_campaign
 from sassgis.gap.forward.observation_operator import campaigns
 from sassgis.gap.forward.released_rocks import configured_model
 from sassgis.gap.forward.rock_lines import rock_lines_of

@@ -15,7 +15,7 @@ from sassgis.errors import ConfigError, InputError
 from sassgis.grid import FloatArray, Grid
 from sassgis.settings.hazard_rules import Onset, Source, SourceCounts
 from sassgis.settings.map_run import MapRun, ReleaseArea
-from sassgis.settings.results import StopReason
+from sassgis.settings.results import HALTED
 from sassgis.settings.schema import Input
 from sassgis.simulation.accumulators import Progress, joined_lines, kept_stops
 from sassgis.simulation.control_lines import ControlLineSums, LineParts
@@ -158,7 +158,7 @@ def reach_angles(run: MapRun, planned: Plan, progress: Progress) -> ReachAngles:
     Distances are straight lines in plan; heights are those of the terrain.
     """
     rows = kept_stops(run, progress)
-    ended = np.isin(rows.rocks["reason"], (StopReason.REST, StopReason.BARRIER))
+    ended = np.isin(rows.rocks["reason"], HALTED)
     point = rows.rocks["line"][ended]
     end = _places(run.grid, rows.x[ended], rows.y[ended])
     start = _places(run.grid, planned.points.x, planned.points.y)

@@ -25,7 +25,9 @@ from sassgis.settings.hazard_rules import HazardPreset
 from sassgis.settings.languages import counted, joined, named, phrase
 from sassgis.settings.map_run import MapRun
 from sassgis.settings.results import (
+    HALTED,
     LINE_END_TEXT,
+    STILL_MOVING,
     STOP_TEXT,
     RasterLayer,
     StopReason,
@@ -92,7 +94,7 @@ def profile_lines(result: ProfileResult) -> Lines:
     bins = np.maximum(np.ceil(result.rocks["runout_m"][started]) - 1.0, 0.0).astype(np.int64)
     text = "median {} m, 95 % of the blocks within {} m, longest {} m (chainage)"
     words = runout_words(np.bincount(bins), text)
-    moving = np.isin(result.rocks["reason"], (StopReason.LEFT_PROFILE, StopReason.STEP_LIMIT))
+    moving = np.isin(result.rocks["reason"], STILL_MOVING)
     if moving.any():
         text = "{}. {} of {} blocks were still moving there: their run-outs are longer."
         words = phrase(text, words, int(moving.sum()), int(started.sum()))
@@ -237,6 +239,10 @@ def stopping_reasons(counts: IntArray) -> ReportTable:
     )
 
 
+_FIRST_PASSAGES = (
+    "First downhill passage of each block, fragment and entrained block, with all barriers of the "
+    "configuration."
+)
 #: Of stations, barriers and galleries: title, columns, their keys in the rows, and note.
 _CONTROL_LINE_TABLES = (
     (
@@ -245,8 +251,7 @@ _CONTROL_LINE_TABLES = (
         "height, 95 % | m; energy, median | kJ; energy, 95 % | kJ; energy, 99 % | kJ",
         "name rocks speed_mps_q50 speed_mps_q95 rotation_hz_q95 height_m_q95 energy_kj_q50 "
         "energy_kj_q95 energy_kj_q99",
-        "First downhill passage of each block, fragment and entrained block, with all barriers "
-        "of the configuration.",
+        _FIRST_PASSAGES,
     ),
     (
         "Barriers",
@@ -329,10 +334,9 @@ def _ground_table(run: MapRun, reached: IntArray) -> ReportTable:
 def passing_figures(progress: Progress, folder: Path) -> list[ReportFigure]:
     """Draw what passes each station and barrier that blocks reach."""
     total = int(progress.reasons.sum())
-    caption = _CONTROL_LINE_TABLES[0][-1]
     alts = {row["name"]: station_alt(row) for row in control_line_rows(progress.control_lines)}
     return station_figures(
-        progress.control_lines, total, progress.pieces > 0, folder, caption, alts
+        progress.control_lines, total, progress.pieces > 0, folder, _FIRST_PASSAGES, alts
     )
 
 
@@ -457,15 +461,11 @@ def map_report(
     )  # fmt: skip
 
 
-#: Reasons of blocks that came to a halt.
-_STOPPED = (StopReason.REST, StopReason.BARRIER)
-
-
 def profile_panel(result: ProfileResult, title: str = "") -> figures.ProfilePanel:
     """Return the slope with trajectories, control lines and stops, for one or several panels."""
     p = result.profile
     ended = np.concatenate([result.rocks, result.pieces])
-    drawn = (ended["rock"] < result.drawn) & np.isin(ended["reason"], _STOPPED)
+    drawn = (ended["rock"] < result.drawn) & np.isin(ended["reason"], HALTED)
     return figures.ProfilePanel(
         s=p.s,
         z=p.z,

@@ -83,10 +83,10 @@ from sassgis.runs.calibrate import (
     limit_warnings,
     observed_files,
     prepared_case,
-    reported_tasks,
     scenario_warnings,
     stop_warnings,
 )
+from sassgis.runs.draw_store import reported_tasks
 from sassgis.runs.provenance import write_origin
 from sassgis.runs.resumable_run import AnyConfig, configured, workers_asked
 from sassgis.settings.crs import crs_name

@@ -18,7 +18,8 @@ from sassgis.gap.fit.hypothesis_fit import families_to_try
 from sassgis.inputs.observation_values import cause_weights_of, read_thresholds, thresholds_of
 from sassgis.outputs.gap_files import write_power
 from sassgis.outputs.site_template import observations_template
-from sassgis.runs.calibrate import reported_tasks, scenario_warnings
+from sassgis.runs.calibrate import scenario_warnings
+from sassgis.runs.draw_store import reported_tasks
 from sassgis.runs.inputs import read_map_run
 from sassgis.runs.resumable_run import AnyConfig, configured, workers_asked
 from sassgis.simulation.workers import Jobs, OnProgress, one_algebra_thread, task_map

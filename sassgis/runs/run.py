@@ -230,11 +230,8 @@ def zone(
         job = read_job(config, areas, tell)
         rules = read_rules(config, job.run)
         edits = read_edits(config.edits, rules.preset, job.run.grid)
-        known_areas = release_names(config.release)
-        rules = replace(
-            rules, edits=with_earlier(edits, Path(out)),
-            some_areas=len(job.run.areas) < len(known_areas),
-        )  # fmt: skip
+        some = areas is not None and len(job.run.areas) < len(release_names(config.release))
+        rules = replace(rules, edits=with_earlier(edits, Path(out)), some_areas=some)
         job = prepared(job, rules)
         known = spread_rules(config, job.run)
         jobs = jobs_within(config, job.run, jobs, memory_gb)

@@ -308,6 +308,9 @@ LINE_END_TEXT = {
     LineEnd.MAX_LENGTH: "greatest length",
     LineEnd.CLOSED_LOOP: "closed loop",
 }
+#: Reasons of blocks that came to a halt, and of those whose run-out would be longer.
+HALTED = (StopReason.REST, StopReason.BARRIER)
+STILL_MOVING = (StopReason.LEFT_PROFILE, StopReason.STEP_LIMIT)
 STOP_TEXT = {
     StopReason.REST: "rest",
     StopReason.BARRIER: "barrier",

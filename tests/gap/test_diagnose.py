@@ -35,8 +35,9 @@ from sassgis.gap.verdict import evidence, model_comparison
 from sassgis.inputs.config import load_config
 from sassgis.inputs.observation_values import read_thresholds, thresholds_of
 from sassgis.runs import diagnose as gap_diagnose
-from sassgis.runs.calibrate import DrawStore, read_case
+from sassgis.runs.calibrate import read_case
 from sassgis.runs.diagnose import ENSEMBLE, diagnose
+from sassgis.runs.draw_store import DrawStore
 
 #: Models in the file of the ensemble.
 MODELS = ("base", "effect", "configured")

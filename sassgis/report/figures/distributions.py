@@ -13,7 +13,13 @@ from matplotlib.ticker import MaxNLocator
 from sassgis.grid import FloatArray, IntArray
 from sassgis.report.figures import style
 from sassgis.settings.languages import counted, phrase
-from sassgis.settings.results import ControlLine, Histogram, StopReason, thousands
+from sassgis.settings.results import (
+    STILL_MOVING,
+    ControlLine,
+    Histogram,
+    StopReason,
+    thousands,
+)
 
 #: Name and unit of what can be drawn, and title of the figure.
 QUANTITIES = {
@@ -170,7 +176,7 @@ def runout_figure(
     # As in the run-out in words; where none started, all are drawn.
     started = total - counts.get(StopReason.NEVER_STARTED, 0)
     started = started if started.any() else total
-    open_end = kinds.get(StopReason.LEFT_PROFILE, 0) + kinds.get(StopReason.STEP_LIMIT, 0)
+    open_end = sum(kinds.get(reason, 0) for reason in STILL_MOVING)
     note = ""
     if open_end:
         one = (

@@ -25,7 +25,6 @@ from numpy.typing import NDArray
 
 from sassgis.grid import FloatArray, Grid
 from sassgis.report.figures import map_marks, relief, style
-from sassgis.report.figures.relief import hillshade
 from sassgis.settings.hazard_rules import HazardLevel
 from sassgis.settings.languages import joined, phrase, translated
 from sassgis.settings.results import Band, RasterClass, RasterLayer, thousands
@@ -312,7 +311,7 @@ def draw_zones(
 
         _, ax = plt.subplots(layout="constrained")
     west, south, east, north = grid.bounds
-    shade = hillshade(grid)
+    shade = relief.hillshade(grid)
     ax.imshow(shade, cmap="gray", extent=(west, east, south, north), alpha=0.5, vmin=0.0, vmax=1.0)
     signs = []
     for level in levels:

@@ -238,11 +238,11 @@ def plain_tick(value: float, _: object = None) -> str:
     """Return tick label of a logarithmic axis."""
     if value >= 1.0:
         return thousands(value)
-    if not 0.0 < value < 0.9e-4:
-        return f"{value:.3g}"
-    tens = int(np.floor(np.log10(value) + 1e-9))
-    digit = f"{value / 10.0**tens:.2g}"
-    return power_of_ten(tens) if digit == "1" else f"{digit}·{power_of_ten(tens)}"
+    number, _, exponent = f"{value:.3g}".partition("e")
+    if not exponent:
+        return number
+    power = power_of_ten(int(exponent))
+    return power if number == "1" else f"{number}\u2009×\u2009{power}"
 
 
 def ink_on(colour: str, opacity: float = 1.0) -> str:

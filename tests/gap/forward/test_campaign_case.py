@@ -11,8 +11,8 @@ from helpers.simulated_slope import BASE
 from sassgis.engine.effects.entrainment import Entrainment
 from sassgis.engine.effects.fragmentation import Fragmentation
 from sassgis.engine.state import EVENT_DTYPE, FLIGHT
-from sassgis.gap.advice.power import with_campaign
 from sassgis.gap.fit.site_data import SiteData
+from sassgis.gap.forward.campaign_case import with_campaign
 from sassgis.gap.forward.observation_operator import TABLES, campaigns, film
 from sassgis.gap.forward.released_rocks import HypothesisModel
 from sassgis.gap.observations.case import LOOSE, PIECE, Campaign, observed_campaign
