@@ -117,7 +117,7 @@ def _drifting(path: Path, drift: float) -> Path:
     return Path(
         path.heights, path.ground, path.stems, path.diameter, path.cell_size, path.tolerance,
         path.side_tilt, drift, path.sides, path.line_u, path.line_v, path.line_first, path.line_box,
-        path.lines, path.line_seen, path.register,
+        path.lines, path.line_seen, path.near, path.register,
     )  # fmt: skip
 
 

@@ -39,6 +39,13 @@ _BENT = 0.25
 # A line nearer than this (m) to where the block has met it is the same crossing: places in plan are
 # rounded.
 _SAME_CROSSING_M = 1e-6
+# Of a cell all lines that come nearer than this are near (cells): places in plan are rounded.
+_BESIDE = 1e-6
+# Bits of the lines near a cell; lines whose numbers differ by a multiple of 63 share one. The last
+# one says that they are known.
+_LINE_BITS = 63
+_KNOWN = np.uint64(1) << np.uint64(_LINE_BITS)
+_ALL_LINES = np.uint64(2**64 - 1)
 # Heights of a plane differ from a straight line by rounding: no vertex below this (m).
 _ROUNDING = 1e-9
 
@@ -63,6 +70,8 @@ class Path(NamedTuple):
     line_box: FloatArray  # (n, 4), by the number: least and largest u, least and largest v
     lines: ControlLineTable  # by the number
     line_seen: NDArray[np.bool_]  # by the number: whether the block has been here
+    # By the number of a cell: which lines come to it, as _lines_near has them; 0: not looked at.
+    near: NDArray[np.uint64]
     register: CellRegister
 
 
@@ -191,6 +200,8 @@ def _add_stretch(
     stretches = site.stretches
     n = stretches.n[0]
     number = registered(path.register, cell) if cell >= 0 else -1
+    if path.near.size:
+        state.near |= _lines_near(path, number, cell)
     if n == 0 or stretches.rows[n - 1].cell != number or stretches.rows[n - 1].segment != segment:
         row = stretches.rows[n]
         row.cell = number
@@ -203,6 +214,47 @@ def _add_stretch(
     after = stretches.rows[n]
     after.start = end
     after.u, after.v = place(state, end)
+
+
+@inlined
+def _bit(line: int) -> np.uint64:
+    return np.uint64(1) << np.uint64(line % _LINE_BITS)
+
+
+@inlined
+def _lines_near(path: Path, number: int, cell: int) -> np.uint64:
+    """Return the lines that may come to a cell (number in the chunk, flat index), as bits."""
+    if number < 0:
+        return _ALL_LINES
+    if path.near[number] == 0:
+        path.near[number] = _look_for_lines(path, cell)
+    return path.near[number]
+
+
+@lean
+def _look_for_lines(path: Path, cell: int) -> np.uint64:
+    """Return the lines of which a segment's box meets a cell (flat index), as bits."""
+    n_cols = path.heights.shape[1]
+    west = cell % n_cols - _BESIDE
+    north = cell // n_cols - _BESIDE
+    east = west + 1.0 + 2.0 * _BESIDE
+    south = north + 1.0 + 2.0 * _BESIDE
+    near = _KNOWN
+    for number in range(path.line_seen.size):
+        box = path.line_box[number]
+        if west > box[1] or east < box[0] or north > box[3] or south < box[2]:
+            continue
+        for k in range(path.line_first[number], path.line_first[number + 1] - 1):
+            u0 = path.line_u[k]
+            v0 = path.line_v[k]
+            u1 = path.line_u[k + 1]
+            v1 = path.line_v[k + 1]
+            if max(u0, u1) < west or min(u0, u1) > east or max(v0, v1) < north:
+                continue
+            if min(v0, v1) <= south:
+                near |= _bit(number)
+                break
+    return near
 
 
 @inlined
@@ -242,6 +294,7 @@ def look_ahead(
     if _full(site):
         _forget_behind(state, block, site)
     begin = state.sampled
+    state.near = 0
     _go_on_from(state, site, path)
     limit = path.tolerance + _ROUNDING
     least = state.x + _LEAST_PLANE * block.b
@@ -263,7 +316,7 @@ def look_ahead(
                 aloft = False
                 to_x = max(to_x, after.end + block.a + 4.0 * MARGIN_M)
     _end_profile(state, site, path)
-    if path.line_u.size:
+    if path.near.size and state.near != _KNOWN:
         _cross_lines(state, site, path, begin, state.sampled)
 
 
@@ -560,6 +613,8 @@ def _cross_lines(state: Record, site: Site, path: Path, begin: float, end: float
     du = u1 - u0
     dv = v1 - v0
     for number in range(path.line_seen.size):
+        if state.near & _bit(number) == 0:
+            continue
         box = path.line_box[number]
         if max(u0, u1) < box[0] or min(u0, u1) > box[1]:
             continue

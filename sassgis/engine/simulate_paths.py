@@ -205,6 +205,7 @@ def path_of(
         line_box=np.array(boxes, np.float64).reshape(-1, 4),
         lines=control_line_table([line for line, _ in terrain.control_lines]),
         line_seen=np.zeros(len(traces), np.bool_),
+        near=np.zeros(register.cells.size if traces else 0, np.uint64),
         register=register,
     )
 

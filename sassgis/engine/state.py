@@ -107,6 +107,7 @@ STATE_FIELDS: tuple[tuple[str, Any], ...] = (
     ("du", _F),  # heading, in cells per metre
     ("dv", _F),
     ("sampled", _F),  # chainage up to which the ground ahead is known (m)
+    ("near", np.uint64),  # stations and barriers near what was sampled last; see Path.near
     ("on_plane", np.bool_),  # whether the plane goes on on which the profile began
     ("plane_at", _I),  # segment of the profile that it is
     ("plane_z", _F),  # its height where the heading holds from (m)
