@@ -8,13 +8,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sassgis.compiled.jit import inlined, lean
-from sassgis.engine.statistics import Disks, Objects
+from sassgis.engine.statistics import Disks, Objects, disks_of
 from sassgis.grid import IntArray
 from sassgis.settings.map_run import ObjectCells, Window
 
-#: What ``counts`` holds: cells, windows, objects listed by cell, windows listed by cell, and
-#: whether there was room for all of them.
-CELLS, WINDOWS, LISTED_OBJECTS, LISTED_WINDOWS, FULL = range(5)
+#: What ``counts`` holds: cells, windows, objects listed by cell, and whether there was room for all
+#: of them.
+CELLS, WINDOWS, LISTED_OBJECTS, FULL = range(4)
 
 
 class CellRegister(NamedTuple):
@@ -32,7 +32,7 @@ class CellRegister(NamedTuple):
     object_number: IntArray
     disks: Disks  # of the windows
     on_objects: Objects
-    counts: IntArray  # (5,)
+    counts: IntArray  # (4,)
 
     @property
     def full(self) -> bool:
@@ -60,14 +60,9 @@ def empty_register(
         col_step=steps[1],
         object_cell=np.asarray(objects.cell, np.int64),
         object_number=np.asarray(objects.number, np.int64),
-        disks=Disks(
-            Objects(np.zeros(room + 1, np.int64), np.zeros(room * steps[0].size, np.int64)),
-            np.zeros(n_windows),
-            np.zeros(n_windows),
-            window.radius**2 if window is not None else 0.0,
-        ),
+        disks=disks_of(window, n_windows, np.zeros((room, steps[0].size), np.int32)),
         on_objects=Objects(np.zeros(room + 1, np.int64), np.zeros(room * int(most), np.int64)),
-        counts=np.zeros(5, np.int64),
+        counts=np.zeros(4, np.int64),
     )
 
 
@@ -95,20 +90,21 @@ def _register(register: CellRegister, flat: int) -> int:
     register.cells[i] = flat
     row = flat // register.n_cols
     col = flat % register.n_cols
+    disks = register.disks
+    if n_steps > 0:
+        disks.middle[i, 0] = col + 0.5
+        disks.middle[i, 1] = row + 0.5
     for k in range(n_steps):
         to_row = row + register.row_step[k]
         to_col = col + register.col_step[k]
+        disks.number[i, k] = -1
         if 0 <= to_row < register.n_rows and 0 <= to_col < register.n_cols:
             middle = to_row * register.n_cols + to_col
             if register.window_number[middle] == 0:
-                register.window_number[middle] = counts[WINDOWS] + 1
                 register.windows[counts[WINDOWS]] = middle
-                register.disks.u[counts[WINDOWS]] = to_col + 0.5
-                register.disks.v[counts[WINDOWS]] = to_row + 0.5
                 counts[WINDOWS] += 1
-            register.disks.under.number[counts[LISTED_WINDOWS]] = register.window_number[middle] - 1
-            counts[LISTED_WINDOWS] += 1
-    register.disks.under.offset[i + 1] = counts[LISTED_WINDOWS]
+                register.window_number[middle] = counts[WINDOWS]
+            disks.number[i, k] = register.window_number[middle] - 1
     first = np.searchsorted(register.object_cell, flat)
     while first < register.object_cell.size and register.object_cell[first] == flat:
         register.on_objects.number[counts[LISTED_OBJECTS]] = register.object_number[first]

@@ -19,7 +19,7 @@ from sassgis.engine.ellipse import empty_table, outlined
 from sassgis.engine.ground_ahead import Path
 from sassgis.engine.kernel import Lines, Rows, Setup, Strata, Work
 from sassgis.engine.state import EVENT_DTYPE, Physics
-from sassgis.engine.statistics import Disks, Exceedance, Objects, Totals, Wanted
+from sassgis.engine.statistics import Disks, Exceedance, Objects, Totals, Wanted, disks_of
 from sassgis.errors import InputError
 from sassgis.grid import FloatArray, IntArray
 from sassgis.settings.blocks import BlockPopulation, EffectSettings
@@ -164,12 +164,12 @@ def by_threshold(reach: Exceedance, rows: IntArray | None = None) -> dict[str, I
 def _disks(window: Window | None, cells: IntArray) -> tuple[IntArray, Disks]:
     """Find windows that blocks in some cells may meet: their middle cells and their disks."""
     if window is None:
-        none = np.empty(0, np.int64)
-        nowhere = Objects(np.zeros(cells.size + 1, np.int64), none)
-        return none, Disks(nowhere, np.empty(0), np.empty(0), 0.0)
-    centres, offset, number = window.around(cells)
-    row, col = np.divmod(centres, window.n_cols)
-    return centres, Disks(Objects(offset, number), col + 0.5, row + 0.5, window.radius**2)
+        return np.empty(0, np.int64), disks_of(None, 0, np.empty((cells.size, 0), np.int32))
+    centres, number = window.around(cells)
+    disks = disks_of(window, centres.size, number)
+    row, col = np.divmod(cells, window.n_cols)
+    disks.middle[:, 0], disks.middle[:, 1] = col + 0.5, row + 0.5
+    return centres, disks
 
 
 def _check(profiles: ProfileSet, table: GroundTable) -> None:

@@ -152,7 +152,7 @@ def room_at_first(steps: int) -> int:
     """Return cells for which there is room at first, if so many windows are listed for each.
 
     If they were too few, the blocks are simulated again with room for twice as many. Unused room
-    costs almost nothing, but the list of windows is in one block: at most as many cells as 64 MB
+    costs almost nothing, but the list of windows is in one block: at most as many cells as 32 MB
     hold, at least 8192.
     """
     return max(1 << 13, min(1 << 16, (1 << 23) // max(steps, 1)))
@@ -229,7 +229,7 @@ def _named(
         passed["x_m"] = grid.west + passed["x_m"] * grid.cell_size
         passed["y_m"] = grid.north - passed["y_m"] * grid.cell_size
     changes = totals.changes
-    if not totals.disks.u.size:
+    if not totals.disks.n:
         at_places = register.cells[:known], changes.reach
     else:
         at_places = middles, changes.windows

@@ -83,12 +83,12 @@ class Window:
         drow, dcol = (step[i] for i in np.nonzero(near))
         return drow, dcol
 
-    def around(self, cells: IntArray) -> tuple[IntArray, IntArray, IntArray]:
+    def around(self, cells: IntArray) -> tuple[IntArray, NDArray[np.int32]]:
         """Return windows whose disk meets any of some cells (flat indices).
 
-        The cells in the middle of the windows (int64, shape (n_windows,), flat indices, ascending),
-        and ragged, with offset (n_cells + 1,), the windows of each of ``cells``, by their position
-        among these.
+        The cells in the middle of the windows (shape (n_windows,), flat indices, ascending), and of
+        each of ``cells`` the window at each step from it, by its position among these; -1 outside
+        the grid.
         """
         drow, dcol = self.steps()
         row, col = np.divmod(cells, self.n_cols)
@@ -96,9 +96,10 @@ class Window:
         cols = col[:, None] + dcol
         inside = (rows >= 0) & (rows < self.n_rows) & (cols >= 0) & (cols < self.n_cols)
         flat = (rows * self.n_cols + cols)[inside]
-        centres, number = np.unique(flat, return_inverse=True)
-        offset = np.concatenate([[0], np.cumsum(inside.sum(axis=1))]).astype(np.int64)
-        return centres.astype(np.int64), offset, number.astype(np.int64)
+        centres, position = np.unique(flat, return_inverse=True)
+        number = np.full(inside.shape, -1, np.int32)
+        number[inside] = position
+        return centres.astype(np.int64), number
 
 
 @dataclass(frozen=True, slots=True, eq=False)
