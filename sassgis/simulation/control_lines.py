@@ -94,23 +94,23 @@ class ControlLineSums:
 
         Where release points were drawn at random, all passages of one are among them.
         """
-        self._add(passages, OF_ALL, weight, random_points)
-        barriers = passages[self._built[passages["control_line"]]]
-        self._add(barriers, [q for q in QUANTITIES if q not in OF_ALL], weight, random_points)
+        passages = passages[np.argsort(passages["control_line"], kind="stable")]
+        energy = passages["energy_trans_kj"] + passages["energy_rot_kj"]
+        values = {q: energy if q == "energy_kj" else passages[q] for q in OF_ALL}
+        self._add(passages, values, weight, random_points)
+        built = self._built[passages["control_line"]]
+        at_barriers, energy = passages[built], energy[built]
+        self._add(at_barriers, self._at_barriers(at_barriers, energy), weight, random_points)
         np.add.at(self._outcomes, (passages["control_line"], passages["outcome"]), weight)
 
-    def _add(
-        self, passages: NDArray[np.void], quantities: Sequence[str], weight: int, by_point: bool
-    ) -> None:
-        """Count some quantities of passages."""
-        if not passages.size:
-            return
+    def _at_barriers(
+        self, passages: NDArray[np.void], energy: FloatArray
+    ) -> dict[str, NDArray[Any]]:
+        """Return the quantities that are counted at barriers only."""
         control_line = passages["control_line"]
-        energy = passages["energy_trans_kj"] + passages["energy_rot_kj"]
         outcome, into_roof = passages["outcome"], passages["roof_energy_kj"]
         cushion = self._cushions[control_line]  # only galleries have one
-        computed = {
-            "energy_kj": energy,
+        return {
             BEHIND: energy_behind(
                 energy, outcome, self._capacities[control_line], passages["roof_left_kj"]
             ),
@@ -118,21 +118,33 @@ class ControlLineSums:
             FORCE: roof_force_kn(into_roof, passages["mass_kg"], cushion),
             OVER: np.where(outcome == Outcome.OVERTOPPED, energy, 0.0),
         }
-        for q in quantities:
+
+    def _add(
+        self,
+        passages: NDArray[np.void],
+        quantities: Mapping[str, NDArray[Any]],
+        weight: int,
+        by_point: bool,
+    ) -> None:
+        """Count quantities of passages, those of a control line together."""
+        if not passages.size:
+            return
+        control_line = passages["control_line"].astype(np.int64)
+        points = _pairs(control_line, passages["line"]) if by_point else None
+        first = np.flatnonzero(np.diff(control_line, prepend=-1))
+        lines = control_line[first]
+        for q, values in quantities.items():
             edges = QUANTITIES[q][1]
-            values = computed[q] if q in computed else passages[q]
             bins = np.clip(np.searchsorted(edges, values, side="right") - 1, 0, edges.size - 2)
             own = self._of[q]
-            np.add.at(own["counts"], (control_line, bins), weight)
-            own["squares"] += _squares(
-                control_line, bins, weight, passages["line"] if by_point else None,
-                own["counts"].shape,
-            )  # fmt: skip
+            counts, squares = _counts(control_line, bins, own["counts"].shape, points)
+            own["counts"] += weight * counts
+            own["squares"] += weight * weight * squares
             parts = np.divmod(np.rint(values * _PARTS).astype(np.int64), _PARTS)
             for total, part in zip(own["sum"], parts, strict=True):
-                np.add.at(total, control_line, weight * part)
-            np.minimum.at(own["least"], control_line, values)
-            np.maximum.at(own["most"], control_line, values)
+                total[lines] += weight * np.add.reduceat(part, first)
+            for name, extreme in ("least", np.minimum), ("most", np.maximum):
+                own[name][lines] = extreme(own[name][lines], extreme.reduceat(values, first))
 
     def add_sums(self, other: ControlLineSums, numbers: IntArray) -> None:
         """Join the counts of other blocks.
@@ -196,23 +208,39 @@ class ControlLineSums:
         return sums
 
 
-def _squares(
+def _pairs(control_line: IntArray, point: IntArray) -> tuple[IntArray, IntArray]:
+    """Return the control line of each pair of line and point that occurs, and the pair of each."""
+    pair = control_line * (int(point.max()) + 1) + point
+    _, first, row = np.unique(pair, return_index=True, return_inverse=True)
+    return control_line[first], row
+
+
+def _counts(
     control_line: IntArray,
     bins: IntArray,
-    weight: int,
-    point: IntArray | None,
     shape: tuple[int, int],
-) -> IntArray:
-    """Return squares as of Distribution, by control line and bin; None: points are no units."""
-    out: IntArray = np.zeros(shape, np.int64)
-    if point is None:
-        np.add.at(out, (control_line, bins), weight * weight)
-        return np.cumsum(out[:, ::-1], axis=1)[:, ::-1]
-    (line, _), row = np.unique([control_line, point], axis=1, return_inverse=True)
-    own = np.zeros((line.size, shape[1]), np.int64)
-    np.add.at(own, (row, bins), weight)
-    np.add.at(out, line, np.cumsum(own[:, ::-1], axis=1)[:, ::-1] ** 2)
-    return out
+    points: tuple[IntArray, IntArray] | None,
+) -> tuple[IntArray, IntArray]:
+    """Return passages and squares as of Distribution, by control line and bin.
+
+    ``points`` are the pairs of line and release point; None: points are no units.
+    """
+    n_bins = shape[1]
+    flat = control_line * n_bins + bins
+    counts = np.bincount(flat, minlength=shape[0] * n_bins).reshape(shape)
+    if points is None:
+        return counts, _and_beyond(counts)
+    of_pair, row = points
+    own = np.bincount(row * n_bins + bins, minlength=of_pair.size * n_bins)
+    squares: IntArray = np.zeros(shape, np.int64)
+    np.add.at(squares, of_pair, _and_beyond(own.reshape(-1, n_bins)) ** 2)
+    return counts, squares
+
+
+def _and_beyond(counts: IntArray) -> IntArray:
+    """Return what is counted in each bin or beyond."""
+    sums: IntArray = np.cumsum(counts[:, ::-1], axis=1)[:, ::-1]
+    return sums
 
 
 ON_BARRIER = (Outcome.STOPPED, Outcome.HELD_BY_NET, Outcome.BROKE_THROUGH)
