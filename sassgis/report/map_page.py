@@ -409,7 +409,7 @@ def in_steps(values: FloatArray) -> NDArray[np.uint16]:
 def _packed(values: NDArray[Any]) -> str:
     """Return numbers of a type that the page knows, compressed, as text."""
     plain = values.astype(values.dtype.newbyteorder("<")).tobytes()
-    return base64.b64encode(zlib.compress(plain, 9)).decode("ascii")
+    return base64.b64encode(zlib.compress(plain)).decode("ascii")
 
 
 def _shape(

@@ -138,7 +138,7 @@ def runout_gap_figure(
     ax = axes["map"]
     marks = all_points([*stops, *release])
     view = relief.view_of(grid, relief.footprint(grid, None, marks))
-    relief.draw_relief(ax, view)
+    relief.draw_relief(view, ax)
     draw_release(ax, release)
     # Beyond a few thousand dots more ink says nothing more.
     made_xy, seen_xy = (xy[even_choice(len(xy), _MAX_POINTS)] for xy in stops[::-1])

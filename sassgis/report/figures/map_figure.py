@@ -139,9 +139,9 @@ def draw_maps(
     axes: list[Axes] = list(grid.flat[:n])
     for ax in grid.flat[n:]:
         ax.remove()
+    relief.draw_relief(view, *axes)
     for number, (ax, panel) in enumerate(zip(axes, panels, strict=True)):
         ax.set_label("map")
-        relief.draw_relief(ax, view)
         _draw_values(ax, panel, view)
         if more is not None:
             more(ax)

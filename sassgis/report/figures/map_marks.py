@@ -150,7 +150,8 @@ def draw_areas(ax: Axes, polygons: Sequence[Any], **how: Any) -> None:
     rings = [ring for polygon in polygons for ring in shapely.get_rings(polygon)]
     if rings:
         paths = (Path(shapely.get_coordinates(ring), closed=True) for ring in rings)
-        ax.add_patch(PathPatch(Path.make_compound_path(*paths), **({"zorder": 2} | how)))
+        # Not add_patch, which looks for the limits of every curve: a map has limits of its own.
+        ax.add_artist(PathPatch(Path.make_compound_path(*paths), **({"zorder": 2} | how)))
 
 
 def draw_zones(ax: Axes, zones: Sequence[tuple[Any, RasterClass]]) -> None:

@@ -151,20 +151,24 @@ def hillshade(grid: Grid) -> FloatArray:
     return np.where(np.isfinite(z), total / weights, np.nan)
 
 
-def draw_relief(ax: Axes, view: MapView) -> None:
-    """Draw the hillshade of what a map shows; nodata stays white."""
+def draw_relief(view: MapView, *axes: Axes) -> None:
+    """Draw the hillshade of what maps of the same part show; nodata stays white."""
     heights, (west, south, east, north) = view.coarse(view.grid.values, "mean")
-    ax.imshow(
-        hillshade(replace(view.grid, values=heights, cell_size=view.grid.cell_size * view.factor)),
-        # Never quite black: the layer and the labels above must stay readable.
-        cmap="gray",
-        vmin=-0.35,
-        vmax=0.95,
-        extent=(west, east, south, north),
-        interpolation="nearest" if view.factor == 1 else "auto",
-        zorder=0,
-        gid="relief",
+    shade = hillshade(
+        replace(view.grid, values=heights, cell_size=view.grid.cell_size * view.factor)
     )
+    for ax in axes:
+        ax.imshow(
+            shade,
+            # Never quite black: the layer and the labels above must stay readable.
+            cmap="gray",
+            vmin=-0.35,
+            vmax=0.95,
+            extent=(west, east, south, north),
+            interpolation="nearest" if view.factor == 1 else "auto",
+            zorder=0,
+            gid="relief",
+        )
 
 
 def map_axes(ax: Axes, extent: Bounds, parts: int = 5) -> None:
