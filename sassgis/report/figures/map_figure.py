@@ -178,6 +178,7 @@ def finish(
     for ax in axes:
         width_pt = 72.0 * ax.get_window_extent().width / dpi
         marks.write_names(ax, view.box, width_pt / view.width_m)
+    sheet.keep_places()
     return sheet.figure
 
 
