@@ -228,7 +228,8 @@ def _lines_near(path: Path, number: int, cell: int) -> np.uint64:
         return _ALL_LINES
     if path.near[number] == 0:
         path.near[number] = _look_for_lines(path, cell)
-    return path.near[number]
+    near: np.uint64 = path.near[number]
+    return near
 
 
 @lean
