@@ -432,6 +432,24 @@ def test_a_block_passes_all_stations_on_its_way(seed: int) -> None:
     assert (passed >= np.searchsorted(at, x - 0.01)).all()
 
 
+def test_passages_at_a_station_do_not_depend_on_the_others() -> None:
+    """More stations than there are bits for those near a cell, straight, bent and askew."""
+    grid = bench(36.0, 100.0)
+    lines = tuple(
+        (
+            ControlLine(f"s{i}", "station"),
+            np.array([[x - 6.0 * (i % 3), -80.0], [x, 3.0 * (i % 2)], [x + 2.0 * (i % 5), 80.0]]),
+        )
+        for i, x in enumerate(np.linspace(-85.0, 10.0, 140))
+    )
+    together = paths(grid, x=-90.0, n=60, lines=lines).passages
+    assert np.unique(together["control_line"]).size > 100
+    for number in (0, 41, 63, 126, 139):
+        own = together[together["control_line"] == number]
+        own["control_line"] = 0
+        assert (own == paths(grid, x=-90.0, n=60, lines=(lines[number],)).passages).all()
+
+
 def test_trees_drag_and_fragments_on_paths() -> None:
     grid = bench(36.0, 120.0)
     reach = paths(grid, x=-110.0).rocks["runout_m"].mean()
