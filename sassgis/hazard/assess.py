@@ -8,7 +8,7 @@ from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from functools import partial
 from itertools import pairwise
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 import shapely
@@ -40,6 +40,8 @@ from sassgis.settings.hazard_rules import (
 )
 from sassgis.terrain.edge import edge_sides
 from sassgis.terrain.release import release_rims
+
+T = TypeVar("T")
 
 
 def zone_of_cells(coverage: Coverage, grid: Grid, cells: IntArray) -> IntArray:
@@ -370,17 +372,17 @@ def hazard_of(
     level: NDArray[np.int16],
     zones: Coverage,
     intensities: Callable[[], Intensities],
+    chances_of: Callable[[], LevelChances],
     confidence: float,
     edits: Sequence[Edit],
 ) -> Hazard:
     """Assess the hazard from the counts of a simulation.
 
     Curves and levels are those of all cells, zones those of hazard level, to which the edits
-    belong; ``intensities`` draws the zones of intensity, ``confidence`` is that of the sampling
-    interval.
+    belong; ``intensities`` draws the zones of intensity, ``chances_of`` computes the levels of
+    another sample, ``confidence`` is that of the sampling interval.
     """
-    preset = rules.preset
-    chances = level_chances(curves, level, preset, np.isfinite(grid.values), rules.in_part)
+    preset, chances = rules.preset, chances_of()
     not_certain = chances.uncertain(confidence)
     levels, edit, applied = with_edits(zones, edits, [c.code for c in preset.levels])
     applied = tuple(
@@ -419,7 +421,8 @@ def assess(
     ``without`` are the same sources without barriers; ``by_source`` asks for zones of
     intensity of each single release area. ``drawing_of`` returns the drawing for a sheet that shows
     the cells with a level; default: that of the rules. With more than one of the ``jobs`` zones of
-    intensity are drawn in other threads, most of the time without the GIL.
+    intensity and the levels of another sample are found in other threads, most of the time without
+    the GIL.
     """
     both = [sampled] if without is None else [sampled, without]
     curves = [curves_of(own, energies_kj) for own in both]
@@ -438,18 +441,23 @@ def assess(
     with ExitStack() as until_done:
         pool = until_done.enter_context(ThreadPoolExecutor(jobs)) if jobs > 1 else None
 
-        def begun(work: Callable[[], Intensities]) -> Callable[[], Intensities]:
+        def begun(work: Callable[[], T]) -> Callable[[], T]:
             return work if pool is None else pool.submit(work).result
 
         drawn = [
             begun(partial(intensity_maps, own, rules.preset, grid, rules.zones, rims))
             for own in curves
         ]
+        known = np.isfinite(grid.values)
+        chances = [
+            begun(partial(level_chances, *own, rules.preset, known, rules.in_part))
+            for own in zip(curves, levels, strict=True)
+        ]
         drawn_of = {area: begun(partial(intensities_of, area)) for area in of_areas}
         zones = level_zones(curves, levels, rules.preset, grid, rules.zones, rims)
 
         def hazard(k: int, edits: Sequence[Edit]) -> Hazard:
-            own = both[k], curves[k], levels[k], zones[k], drawn[k]
+            own = both[k], curves[k], levels[k], zones[k], drawn[k], chances[k]
             return hazard_of(rules, grid, *own, confidence, edits)
 
         after = hazard(0, rules.edits)
