@@ -377,6 +377,7 @@ class _Chord(NamedTuple):
     du: float
     dv: float
     length2: float  # squared
+    per: float  # 1 over it; 0 without a length
 
 
 @inlined
@@ -384,50 +385,28 @@ def _chord(work: CellWork, cell: int) -> _Chord:
     ends = work.chord[cell]
     du = ends[2] - ends[0]
     dv = ends[3] - ends[1]
-    return _Chord(ends[0], ends[1], du, dv, du * du + dv * dv)
+    length2 = du * du + dv * dv
+    return _Chord(ends[0], ends[1], du, dv, length2, 1.0 / length2 if length2 > 0.0 else 0.0)
 
 
 @inlined
-def _meets(chord: _Chord, u: float, v: float, radius2: float) -> bool:
-    """Return whether a straight path meets a disk around (u, v).
+def _gap(chord: _Chord, u: float, v: float, radius2: float) -> float:
+    """Return up to 0 where a straight path meets a disk around (u, v), else more.
 
     Whatever the rounding: a path along the edge of a disk meets it, one that ends there does not,
-    or else what a block does in the next cell would count.
+    or else what a block does in the next cell would count. Without branches, so that the processor
+    looks at several disks at a time.
     """
     u -= chord.u
     v -= chord.v
     foot = u * chord.du + v * chord.dv
-    if chord.length2 > 0.0 and 0.0 <= foot <= chord.length2:
-        beside = u * chord.dv - v * chord.du
-        return bool(beside * beside <= radius2 * (1.0 + 1e-9) * chord.length2)
-    if foot > 0.0:
-        u -= chord.du
-        v -= chord.dv
-    return bool(u * u + v * v <= radius2 * (1.0 - 1e-9))
-
-
-@inlined
-def _find_gaps(disks: Disks, cell: int, chord: _Chord) -> None:
-    """Find which disks around a cell a path across it meets, as ``_meets`` does.
-
-    Without branches, so that the processor looks at several disks at a time.
-    """
-    from_u = disks.middle[cell, 0] - chord.u
-    from_v = disks.middle[cell, 1] - chord.v
-    per = 1.0 / chord.length2 if chord.length2 > 0.0 else 0.0
-    at_end = disks.radius2 * (1.0 - 1e-9)
-    along = disks.radius2 * (1.0 + 1e-9) if chord.length2 > 0.0 else at_end
-    for m in range(disks.gap.size):
-        u = from_u + disks.step_u[m]
-        v = from_v + disks.step_v[m]
-        foot = u * chord.du + v * chord.dv
-        limit = at_end if foot < 0.0 or foot > chord.length2 else along
-        share = foot * per
-        share = 0.0 if share < 0.0 else share
-        share = 1.0 if share > 1.0 else share
-        u -= share * chord.du
-        v -= share * chord.dv
-        disks.gap[m] = u * u + v * v - limit
+    beside = chord.per > 0.0 and 0.0 <= foot <= chord.length2
+    share = foot * chord.per
+    share = 0.0 if share < 0.0 else share
+    share = 1.0 if share > 1.0 else share
+    u -= share * chord.du
+    v -= share * chord.dv
+    return u * u + v * v - radius2 * (1.0 + 1e-9 if beside else 1.0 - 1e-9)
 
 
 @lean
@@ -442,7 +421,11 @@ def meet_disks(work: CellWork, n_touched: int, mass: float, totals: Totals) -> N
     for k in range(n_touched):
         cell = work.touched[k]
         joule = work.peak[cell, ENERGY] * mass
-        _find_gaps(disks, cell, _chord(work, cell))
+        chord = _chord(work, cell)
+        u = disks.middle[cell, 0]
+        v = disks.middle[cell, 1]
+        for m in range(disks.gap.size):
+            disks.gap[m] = _gap(chord, u + disks.step_u[m], v + disks.step_v[m], disks.radius2)
         for m in range(disks.gap.size):
             number = disks.number[cell, m]
             if disks.gap[m] <= 0.0 and number >= 0 and joule > totals.windows.peak[number]:
@@ -464,7 +447,7 @@ def passed_cells(work: CellWork, n_touched: int, last: int) -> int:
         chord = _chord(work, cell)
         u = math.floor(chord.u + 0.5 * chord.du) + 0.5
         v = math.floor(chord.v + 0.5 * chord.dv) + 0.5
-        if cell == last or _meets(chord, u, v, 0.25):
+        if cell == last or _gap(chord, u, v, 0.25) <= 0.0:
             work.touched[n] = cell
             n += 1
         else:
