@@ -78,12 +78,21 @@ def cell_polygons(cells: BoolArray, grid: Grid) -> NDArray[Any]:
     return np.asarray(shapely.orient_polygons(polygons, exterior_cw=True), object)
 
 
+#: Whether the middle of four cells is a corner, by which of them are filled (1, 2, 4, 8).
+_IS_CORNER = np.array([n.bit_count() in (1, 3) or n in (6, 9) for n in range(16)])
+
+
 def _corners(cells: BoolArray) -> tuple[IntArray, IntArray, IntArray, IntArray]:
     """Return row, column, region (from 1) and direction (1: down) of corners of regions."""
-    region = ndimage.label(np.pad(cells, 1))[0]
+    filled = np.pad(cells, 1)
+    region = ndimage.label(filled)[0]
+    # Corners are where one or three of the four cells around are filled, or two opposite ones.
+    bits = filled.astype(np.int8)
+    of_four = bits[:-1, :-1] + 2 * bits[:-1, 1:] + 4 * bits[1:, :-1] + 8 * bits[1:, 1:]
+    i, j = np.nonzero(_IS_CORNER[of_four])
     # By whether a cell is south and whether it is east of the point.
-    around = {(s, e): region[s : region.shape[0] - 1 + s, e : region.shape[1] - 1 + e]
-              for s in (0, 1) for e in (0, 1)}  # fmt: skip
+    around = {(s, e): region[i + s, j + e] for s in (0, 1) for e in (0, 1)}
+    highest = np.max(list(around.values()), axis=0)
     count = sum((a > 0).astype(np.int8) for a in around.values())
     found = []
     for (south, east), own in around.items():
@@ -95,9 +104,9 @@ def _corners(cells: BoolArray) -> tuple[IntArray, IntArray, IntArray, IntArray]:
         met = (count == 2) & ((own > 0) == (opposite > 0))
         other = around[south, 1 - east]
         alone |= met & np.where(own > 0, own != opposite, neighbour == other)
-        i, j = np.nonzero(alone)
-        of = np.where(own[i, j] > 0, own[i, j], np.max([a[i, j] for a in around.values()], axis=0))
-        found.append((i, j, of, np.full(i.size, south), np.full(i.size, east)))
+        of = np.where(own > 0, own, highest)[alone]
+        sides = np.full(of.size, south), np.full(of.size, east)
+        found.append((i[alone], j[alone], of, *sides))
     row, col, of, down, right = np.concatenate(found, axis=1).astype(np.int64)
     order = np.lexsort((right, col, row))
     return row[order], col[order], of[order], down[order]
