@@ -39,7 +39,7 @@ _BENT = 0.25
 # A line nearer than this (m) to where the block has met it is the same crossing: places in plan are
 # rounded.
 _SAME_CROSSING_M = 1e-6
-# Of a cell all lines that come nearer than this are near (cells): places in plan are rounded.
+# A line is near a cell if it comes closer than this (cells): places in plan are rounded.
 _BESIDE = 1e-6
 # Bits of the lines near a cell; lines whose numbers differ by a multiple of 63 share one. The last
 # one says that they are known.
@@ -70,7 +70,7 @@ class Path(NamedTuple):
     line_box: FloatArray  # (n, 4), by the number: least and largest u, least and largest v
     lines: ControlLineTable  # by the number
     line_seen: NDArray[np.bool_]  # by the number: whether the block has been here
-    # By the number of a cell: which lines come to it, as _lines_near has them; 0: not looked at.
+    # By the number of a cell: lines that may come to it, as _lines_near has them; 0: not looked at.
     near: NDArray[np.uint64]
     register: CellRegister
 
@@ -575,6 +575,8 @@ def _end_profile(state: Record, site: Site, path: Path) -> None:
         u, v = place(state, state.x)
         edge = cell_index(u, v, path.heights.shape[0], path.heights.shape[1])
         _add_stretch(state, site, path, edge, state.plane_at, state.sampled)
+        # What was sampled before ended elsewhere.
+        state.near = _ALL_LINES
     if state.sampled > profile.rows[profile.n[0]].x:
         add_vertex(site, state.sampled, state.ahead_z)
 

@@ -55,14 +55,15 @@ class Objects(NamedTuple):
 class Disks(NamedTuple):
     """Windows: disks around the centres of cells, which paths may meet."""
 
-    n: int  # how many
+    n: int  # how many, or for how many there is room
     # (n_cells of the chunk, steps): the disk around the cell at each step, -1 outside the grid.
     number: NDArray[np.int32]
     step_u: NDArray[np.float64]  # (steps,), of columns and rows
     step_v: NDArray[np.float64]
-    middle: NDArray[np.float64]  # (n_cells, 2): column and row of each cell's centre, in cells
+    # (n_cells, 2): column and row of each cell's centre, in cells; no rows without windows.
+    middle: NDArray[np.float64]
     radius2: float  # in cells, squared
-    gap: NDArray[np.float64]  # (steps,) working space: up to 0 where a path meets the disk
+    gap: NDArray[np.float64]  # (steps,) working space of one thread, as _gap
 
 
 def disks_of(window: Window | None, n: int, number: NDArray[np.int32]) -> Disks:

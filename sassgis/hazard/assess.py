@@ -371,7 +371,7 @@ def hazard_of(
     curves: HazardCurves,
     level: NDArray[np.int16],
     zones: Coverage,
-    intensities: Callable[[], Intensities],
+    intensities_of: Callable[[], Intensities],
     chances_of: Callable[[], LevelChances],
     confidence: float,
     edits: Sequence[Edit],
@@ -379,8 +379,8 @@ def hazard_of(
     """Assess the hazard from the counts of a simulation.
 
     Curves and levels are those of all cells, zones those of hazard level, to which the edits
-    belong; ``intensities`` draws the zones of intensity, ``chances_of`` computes the levels of
-    another sample, ``confidence`` is that of the sampling interval.
+    belong; ``intensities_of`` returns the zones of intensity, ``chances_of`` the levels of another
+    sample; ``confidence`` is that of the sampling interval.
     """
     preset, chances = rules.preset, chances_of()
     not_certain = chances.uncertain(confidence)
@@ -397,7 +397,7 @@ def hazard_of(
         computed=zones,
         levels=levels,
         facts=zone_facts(sampled, curves, preset, levels, grid, *of_cells, edit),
-        intensities=intensities(),
+        intensities=intensities_of(),
         chances=chances,
         uncertain=not_certain,
         edits=applied,
@@ -420,7 +420,7 @@ def assess(
 
     ``without`` are the same sources without barriers; ``by_source`` asks for zones of
     intensity of each single release area. ``drawing_of`` returns the drawing for a sheet that shows
-    the cells with a level; default: that of the rules. With more than one of the ``jobs`` zones of
+    the cells with a level; default: that of the rules. If ``jobs`` is more than 1, zones of
     intensity and the levels of another sample are found in other threads, most of the time without
     the GIL.
     """
@@ -440,6 +440,9 @@ def assess(
 
     with ExitStack() as until_done:
         pool = until_done.enter_context(ThreadPoolExecutor(jobs)) if jobs > 1 else None
+        if pool is not None:
+            # After an error nothing more is begun.
+            until_done.callback(pool.shutdown, cancel_futures=True)
 
         def begun(work: Callable[[], T]) -> Callable[[], T]:
             return work if pool is None else pool.submit(work).result

@@ -15,6 +15,7 @@ from helpers.terrains import folded, grid_of, middle, points_at
 from scipy.integrate import solve_ivp
 from scipy.stats import ks_2samp, kstest
 
+from sassgis.engine import ground_ahead, simulate_paths
 from sassgis.engine.effects.air_drag import AirDrag
 from sassgis.engine.effects.fragmentation import Fragmentation
 from sassgis.engine.effects.trees import Trees
@@ -26,7 +27,13 @@ from sassgis.grid import FloatArray, Grid
 from sassgis.settings.blocks import BlockPopulation, EffectSettings
 from sassgis.settings.ground import GroundClass, GroundTable
 from sassgis.settings.map_run import Forest
-from sassgis.settings.results import ControlLine, ControlLineCrossings, Outcome, StopReason
+from sassgis.settings.results import (
+    HALTED,
+    ControlLine,
+    ControlLineCrossings,
+    Outcome,
+    StopReason,
+)
 from sassgis.settings.settings import EngineSettings
 from sassgis.terrain.release import square
 
@@ -193,7 +200,7 @@ def test_every_block_ends_somewhere_once() -> None:
     assert out.rocks.size == 900
     counts = np.bincount(reason, minlength=len(StopReason))
     assert counts[StopReason.STEP_LIMIT] == 0 and counts.sum() == 900
-    stopped = np.isin(reason, [StopReason.REST, StopReason.BARRIER])
+    stopped = np.isin(reason, HALTED)
     assert out.sums["stops"].sum() == stopped.sum()
     cells = grid.cell_of(out.x[stopped], out.y[stopped])
     found, number = np.unique(cells, return_counts=True)
@@ -432,8 +439,13 @@ def test_a_block_passes_all_stations_on_its_way(seed: int) -> None:
     assert (passed >= np.searchsorted(at, x - 0.01)).all()
 
 
-def test_passages_at_a_station_do_not_depend_on_the_others() -> None:
-    """More stations than there are bits for those near a cell, straight, bent and askew."""
+def test_passages_at_a_station_do_not_depend_on_where_lines_are_looked_for(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """More stations than there are bits for those near a cell, straight, bent, askew and short.
+
+    The same passages as if each line were near all cells, and as with room for few cells at first.
+    """
     grid = bench(36.0, 100.0)
     lines = tuple(
         (
@@ -442,12 +454,24 @@ def test_passages_at_a_station_do_not_depend_on_the_others() -> None:
         )
         for i, x in enumerate(np.linspace(-85.0, 10.0, 140))
     )
-    together = paths(grid, x=-90.0, n=60, lines=lines).passages
-    assert np.unique(together["control_line"]).size > 100
-    for number in (0, 41, 63, 126, 139):
-        own = together[together["control_line"] == number]
-        own["control_line"] = 0
-        assert (own == paths(grid, x=-90.0, n=60, lines=(lines[number],)).passages).all()
+    lines += tuple(
+        (ControlLine(f"short {i}", "station"), np.array([[x, i - 12.0], [x + 1.5, i - 10.0]]))
+        for i, x in enumerate(np.linspace(-80.0, 20.0, 25))
+    )
+    found = paths(grid, x=-90.0, n=60, lines=lines).passages
+    assert np.unique(found["control_line"]).size > 110
+    path_of = simulate_paths.path_of
+
+    def all_near(*given: Any) -> ground_ahead.Path:
+        path = path_of(*given)
+        return path._replace(near=np.full_like(path.near, 2**64 - 1))
+
+    with monkeypatch.context() as patch:
+        patch.setattr(simulate_paths, "path_of", all_near)
+        assert (found == paths(grid, x=-90.0, n=60, lines=lines).passages).all()
+    monkeypatch.setattr(simulate_paths, "room_at_first", lambda _steps: 40)
+    monkeypatch.setattr(simulate_paths, "_ENOUGH", {})
+    assert (found == paths(grid, x=-90.0, n=60, lines=lines).passages).all()
 
 
 def test_trees_drag_and_fragments_on_paths() -> None:

@@ -309,8 +309,7 @@ def amount(value: float) -> str:
         return thousands(round(value, -digits))
     if abs(value) >= 1e-3:
         return f"{value:.3g}"
-    number, exponent = f"{value:.2e}".split("e")
-    return f"{number}\u2009×\u2009{power_of_ten(int(exponent))}"
+    return style.times_ten(*f"{value:.2e}".split("e"))
 
 
 @style.house_style()

@@ -161,7 +161,10 @@ def draw_maps(
 def finish(
     sheet: style.Sheet, axes: Sequence[Axes], marks: map_marks.MapMarks, view: relief.MapView
 ) -> Figure:
-    """Make the figure as high as its maps, whose legends are drawn, and write the names."""
+    """Make the figure as high as its maps, whose legends are drawn, and write the names.
+
+    Nothing can be added afterwards.
+    """
     sheet.lay_out(axes)
     dpi = sheet.figure.dpi
     # Labels and signs beyond the edges of the maps.

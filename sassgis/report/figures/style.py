@@ -131,9 +131,10 @@ class Sheet:
             ax.apply_aspect()
 
     def keep_places(self) -> None:
-        """Leave all where ``lay_out`` has put it as the figure is drawn, which takes half as long.
+        """Do not lay the figure out again when it is drawn: that takes half of the time.
 
-        Not in other languages than English, into which texts are put later.
+        Nothing can be added afterwards. In other languages than English it is laid out again, as
+        texts are put into them later.
         """
         if current_language() == "en":
             self.figure.set_layout_engine("none")
@@ -250,8 +251,12 @@ def plain_tick(value: float, _: object = None) -> str:
     number, _, exponent = f"{value:.3g}".partition("e")
     if not exponent:
         return number
-    power = power_of_ten(int(exponent))
-    return power if number == "1" else f"{number}\u2009×\u2009{power}"
+    return power_of_ten(int(exponent)) if number == "1" else times_ten(number, exponent)
+
+
+def times_ten(number: str, exponent: str) -> str:
+    """Return a number times a power of ten, as '1.20 × 10⁻⁵'."""
+    return f"{number}\u2009×\u2009{power_of_ten(int(exponent))}"
 
 
 def ink_on(colour: str, opacity: float = 1.0) -> str:

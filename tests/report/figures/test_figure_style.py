@@ -74,8 +74,8 @@ def test_a_name_is_no_mathematics() -> None:
 
 
 def test_powers_of_ten_are_ticks_without_mathematics() -> None:
-    assert [style.plain_tick(v) for v in (20_000.0, 0.05, 0.001, 1e-5)] == [
-        "20\u202f000", "0.05", "0.001", "10⁻⁵",
+    assert [style.plain_tick(v) for v in (20_000.0, 0.05, 0.001, 1e-5, 2.5e-5)] == [
+        "20\u202f000", "0.05", "0.001", "10⁻⁵", "2.5\u2009×\u200910⁻⁵",
     ]  # fmt: skip
     shown = texts(blocks_figure([(10_000, 0.2), (20_000, 0.1), (40_000, 0.01)], 0.05))
     assert all(f"| {tick} |" in shown for tick in ("10 000", "20 000", "50 000", "0", "10", "20"))
