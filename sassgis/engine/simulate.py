@@ -22,7 +22,7 @@ from sassgis.engine.state import EVENT_DTYPE, Physics
 from sassgis.engine.statistics import Disks, Exceedance, Objects, Totals, Wanted, disks_of
 from sassgis.errors import InputError
 from sassgis.grid import FloatArray, IntArray
-from sassgis.settings.blocks import BlockPopulation, EffectSettings
+from sassgis.settings.blocks import LIMITS_DTYPE, BlockPopulation, EffectSettings
 from sassgis.settings.ground import GroundTable
 from sassgis.settings.map_run import Forest, ObjectCells, Window
 from sassgis.settings.results import (
@@ -300,7 +300,8 @@ def setup_of(
     settings = settings.resolved()
     return Setup(
         grounds=ground_of(effects, table.with_rolling_threshold(settings.rolling_threshold)),
-        limits=np.stack([population.limits() for population in populations]),
+        # Not np.stack, which compares the fields of one record after the other.
+        limits=np.array([population.limits() for population in populations], LIMITS_DTYPE),
         physics=physics_of(settings),
         control_lines=control_line_table(lines),
         seed=np.uint64(seed),
