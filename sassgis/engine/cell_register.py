@@ -26,8 +26,6 @@ class CellRegister(NamedTuple):
     cells: IntArray  # flat indices of the cells, as far as there are
     window_number: NDArray[np.int32]  # as ``number``; empty without windows
     windows: IntArray  # flat indices of their middle cells
-    row_step: IntArray  # cells of a window, as steps from its middle
-    col_step: IntArray
     object_cell: IntArray  # as settings.map_run.ObjectCells
     object_number: IntArray
     disks: Disks  # of the windows
@@ -43,11 +41,10 @@ class CellRegister(NamedTuple):
 def empty_register(
     shape: tuple[int, int], room: int, window: Window | None, objects: ObjectCells
 ) -> CellRegister:
-    """Return room for so many cells, as many windows again, and the objects on them."""
+    """Return room for so many cells, three times as many windows, and the objects on them."""
     n_rows, n_cols = shape
     n = n_rows * n_cols
-    steps = window.steps() if window is not None else (np.empty(0, np.int64),) * 2
-    n_windows = 3 * room if steps[0].size else 0
+    n_windows = 0 if window is None else 3 * room
     most = np.bincount(objects.cell).max() if objects.cell.size else 0
     return CellRegister(
         n_cols=n_cols,
@@ -56,11 +53,9 @@ def empty_register(
         cells=np.zeros(room, np.int64),
         window_number=np.zeros(n if n_windows else 0, np.int32),
         windows=np.zeros(n_windows, np.int64),
-        row_step=steps[0],
-        col_step=steps[1],
         object_cell=np.asarray(objects.cell, np.int64),
         object_number=np.asarray(objects.number, np.int64),
-        disks=disks_of(window, n_windows, np.zeros((room, steps[0].size), np.int32)),
+        disks=disks_of(window, n_windows, room),
         on_objects=Objects(np.zeros(room + 1, np.int64), np.zeros(room * int(most), np.int64)),
         counts=np.zeros(4, np.int64),
     )
@@ -80,7 +75,8 @@ def _register(register: CellRegister, flat: int) -> int:
     """Give a cell to which nothing has come yet its number."""
     counts = register.counts
     i = counts[CELLS]
-    n_steps = register.row_step.size
+    disks = register.disks
+    n_steps = disks.step_u.size
     windows = counts[WINDOWS] + n_steps
     if i >= register.cells.size or (n_steps > 0 and windows > register.windows.size):
         counts[FULL] = 1
@@ -90,13 +86,12 @@ def _register(register: CellRegister, flat: int) -> int:
     register.cells[i] = flat
     row = flat // register.n_cols
     col = flat % register.n_cols
-    disks = register.disks
     if n_steps > 0:
         disks.middle[i, 0] = col + 0.5
         disks.middle[i, 1] = row + 0.5
     for k in range(n_steps):
-        to_row = row + register.row_step[k]
-        to_col = col + register.col_step[k]
+        to_row = row + int(disks.step_v[k])
+        to_col = col + int(disks.step_u[k])
         disks.number[i, k] = -1
         if 0 <= to_row < register.n_rows and 0 <= to_col < register.n_cols:
             middle = to_row * register.n_cols + to_col

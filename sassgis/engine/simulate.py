@@ -164,9 +164,10 @@ def by_threshold(reach: Exceedance, rows: IntArray | None = None) -> dict[str, I
 def _disks(window: Window | None, cells: IntArray) -> tuple[IntArray, Disks]:
     """Find windows that blocks in some cells may meet: their middle cells and their disks."""
     if window is None:
-        return np.empty(0, np.int64), disks_of(None, 0, np.empty((cells.size, 0), np.int32))
+        return np.empty(0, np.int64), disks_of(None, 0, cells.size)
     centres, number = window.around(cells)
-    disks = disks_of(window, centres.size, number)
+    disks = disks_of(window, centres.size, cells.size)
+    disks.number[:] = number
     row, col = np.divmod(cells, window.n_cols)
     disks.middle[:, 0], disks.middle[:, 1] = col + 0.5, row + 0.5
     return centres, disks

@@ -66,13 +66,13 @@ class Disks(NamedTuple):
     gap: NDArray[np.float64]  # (steps,) working space of one thread, as _gap
 
 
-def disks_of(window: Window | None, n: int, number: NDArray[np.int32]) -> Disks:
-    """Return ``n`` windows; ``number`` as in Disks, whose middles are still to be set."""
+def disks_of(window: Window | None, n: int, n_cells: int) -> Disks:
+    """Return ``n`` windows around so many cells, whose numbers and middles are still to be set."""
     row_step, col_step = window.steps() if window is not None else (np.empty(0, np.int64),) * 2
     return Disks(
-        n, number, col_step.astype(np.float64), row_step.astype(np.float64),
-        np.zeros((number.shape[0] if n else 0, 2)), 0.0 if window is None else window.radius**2,
-        np.zeros(row_step.size),
+        n, np.zeros((n_cells, row_step.size), np.int32), col_step.astype(np.float64),
+        row_step.astype(np.float64), np.zeros((n_cells if n else 0, 2)),
+        0.0 if window is None else window.radius**2, np.zeros(row_step.size),
     )  # fmt: skip
 
 

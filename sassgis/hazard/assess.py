@@ -439,7 +439,7 @@ def assess(
         return intensity_maps(own, rules.preset, grid, rules.zones, rims_of(mine, grid))
 
     with ExitStack() as until_done:
-        pool = until_done.enter_context(ThreadPoolExecutor(jobs)) if jobs > 1 else None
+        pool = ThreadPoolExecutor(jobs) if jobs > 1 else None
         if pool is not None:
             # After an error nothing more is begun.
             until_done.callback(pool.shutdown, cancel_futures=True)
