@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -149,7 +150,7 @@ def _figures(calibration: SiteCalibration, folder: Path) -> list[page.ReportFigu
         "Line: range of the search. Bar: 95 % interval; dot: calibrated; upright stroke: "
         "configured. Grey: not identified."
     )
-    figure = parameters_figure(calibration.fitted)
+    figure = partial(parameters_figure, calibration.fitted)
     found = [picture(folder, "parameters", "Parameters", caption, figure)]
     caption = (
         "Share of the rocks below a value. Before: configured parameters. Held out: each rock "
@@ -163,7 +164,8 @@ def _figures(calibration: SiteCalibration, folder: Path) -> list[page.ReportFigu
             label = with_unit_in_brackets(e.name, e.unit)
             panels.append((label, natural(site.observed[name]), made))
         title = phrase("Observed and simulated rocks: {}", site.name)
-        found.append(picture(folder, f"rocks_{k}", title, caption, quantity_curves_figure(panels)))
+        figure = partial(quantity_curves_figure, panels)
+        found.append(picture(folder, f"rocks_{k}", title, caption, figure))
     return found
 
 

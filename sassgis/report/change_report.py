@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -67,16 +68,17 @@ def change_figures(
                 "Levels of the cells, before they are drawn as zones. Stations and barriers are "
                 "those of both results."
             )
-            figure = figures.change_figure(
-                grid, before.maps[result_change.LEVEL.stem], after.maps[result_change.LEVEL.stem],
+            figure = partial(
+                figures.change_figure, grid,
+                before.maps[result_change.LEVEL.stem], after.maps[result_change.LEVEL.stem],
                 MapMarks(after.release, control_lines=_lines_of_both(before, after)),
                 names=("Before", "After"), title=title,
             )  # fmt: skip
         else:
             title = phrase("{}, before and after", phrase(compared.title))
             caption = phrase(_NOTHING)
-            figure = figures.map_change_figure(
-                grid, old, new, moved, MapMarks(after.release),
+            figure = partial(
+                figures.map_change_figure, grid, old, new, moved, MapMarks(after.release),
                 unit="" if compared.unit == "1" else compared.unit, ramp=_RAMPS[compared.stem],
                 title=title,
             )  # fmt: skip

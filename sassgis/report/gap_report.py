@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -156,8 +157,8 @@ def gap_figures(case: Case, diagnosis: Diagnosis, folder: Path) -> list[ReportFi
     verdict = diagnosis.verdict
     out: list[ReportFigure] = []
 
-    def add(name: str, title: str, caption: str, figure: Figure) -> None:
-        out.append(picture(folder, name, title, caption, figure))
+    def add(name: str, title: str, caption: str, make: Callable[[], Figure]) -> None:
+        out.append(picture(folder, name, title, caption, make))
 
     lines, maps, first = map_parts(case, diagnosis)
     table = case.observations
@@ -171,7 +172,8 @@ def gap_figures(case: Case, diagnosis: Diagnosis, folder: Path) -> list[ReportFi
             "top. Errors from above do not count again."
         )
         caption = phrase(text, capital(words.quantity_name(first.quantity)))
-    drawn = gap_map_figure(
+    drawn = partial(
+        gap_map_figure,
         case.grid,
         lines=lines,
         maps=maps,
@@ -186,7 +188,7 @@ def gap_figures(case: Case, diagnosis: Diagnosis, folder: Path) -> list[ReportFi
             "gap_where",
             "All comparisons",
             "Observed minus predicted, by place and phase.",
-            gap_where_figure(diagnosis.where, diagnosis.where_configured),
+            partial(gap_where_figure, diagnosis.where, diagnosis.where_configured),
         )
     if diagnosis.comparisons:
         named = verdict.effect if verdict.effect not in gap_answer.UNNAMED else ""
@@ -195,7 +197,7 @@ def gap_figures(case: Case, diagnosis: Diagnosis, folder: Path) -> list[ReportFi
             "Observed rocks and the models",
             "Step curves: observed rocks, unsmoothed. A step curve within the pale band is "
             "compatible with the base model.",
-            gap_distributions_figure(diagnosis.comparisons, effect=named),
+            partial(gap_distributions_figure, diagnosis.comparisons, effect=named),
         )
     if diagnosis.ladder and not gap_answer.nothing_changed(diagnosis):
         add(
@@ -203,7 +205,7 @@ def gap_figures(case: Case, diagnosis: Diagnosis, folder: Path) -> list[ReportFi
             "How far the gap shrinks",
             "Distance between model and observed rocks, model by model. Each rock is compared "
             "with a model that was fitted without it.",
-            gap_ladder_figure(diagnosis.ladder),
+            partial(gap_ladder_figure, diagnosis.ladder),
         )
     if diagnosis.which or verdict.ranked:
         add(
@@ -211,7 +213,8 @@ def gap_figures(case: Case, diagnosis: Diagnosis, folder: Path) -> list[ReportFi
             "Causes, most likely first",
             "The base model and the most probable causes were calibrated more finely than the "
             "others. All scores are those of held-out rocks.",
-            gap_hypotheses_figure(
+            partial(
+                gap_hypotheses_figure,
                 diagnosis.which,
                 probabilities=verdict.ranked,
                 verdict=verdict.effect,

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 from itertools import pairwise
 from pathlib import Path
 
@@ -19,7 +20,7 @@ from sassgis.hazard.warnings import ground_shares, sample_words
 from sassgis.report import figures
 from sassgis.report.figures.map_marks import MapObject
 from sassgis.report.page import Cell, ReportContext, ReportFigure, ReportTable, sensible, table_of
-from sassgis.report.pictures import map_alt, path_alt, picture, station_alt
+from sassgis.report.pictures import map_alt, map_drawn, path_alt, picture, station_alt
 from sassgis.settings.ground import TRUST_TEXT
 from sassgis.settings.hazard_rules import HazardPreset
 from sassgis.settings.languages import counted, joined, named, phrase
@@ -173,8 +174,8 @@ def map_marks(run: MapRun, objects: Sequence[MapObject]) -> figures.MapMarks:
     return figures.MapMarks(release_outlines(run), control_lines=control_lines, objects=objects)
 
 
-def line_figure(shown: LinePaths) -> Figure:
-    """Return the profile of one line with the paths of its blocks."""
+def line_figure(shown: LinePaths) -> Callable[[], Figure]:
+    """Return what draws the profile of one line with the paths of its blocks."""
     s, z = shown.s, shown.z
     reach = s <= max(float(shown.stops.max()) + 30.0, s[1])
     last = max(int(reach.sum()), 2)
@@ -194,7 +195,7 @@ def line_figure(shown: LinePaths) -> Figure:
             "Path of the block with the longest run-out: {}, {}", shown.area, shown.scenario
         ),
     )
-    return figures.profile_figure([panel])
+    return partial(figures.profile_figure, [panel])
 
 
 def station_figures(
@@ -216,17 +217,17 @@ def station_figures(
         ]
         name, kind = lines[i].name, lines[i].kind
         title = named(name) if kind == "station" else phrase("{} ({})", name, phrase(kind))
-        figure = figures.station_figure(title, *bins, n=n, pieces=pieces)
+        figure = partial(figures.station_figure, title, *bins, n=n, pieces=pieces)
         title, alt = phrase("Arriving blocks: {}", name), alts.get(name, "")
         out.append(picture(folder, f"station_{stem}", title, caption, figure, alt))
     return out
 
 
-def runout_drawn(progress: Progress) -> Figure:
-    """Return run-out by reason, from counts by whole metres."""
+def runout_drawn(progress: Progress) -> Callable[[], Figure]:
+    """Return what draws run-out by reason, from counts by whole metres."""
     edges = np.arange(progress.runout.shape[1] + 1, dtype=float)
     counts = {r: progress.runout[r] for r in StopReason}
-    return figures.runout_figure(edges, counts, title="Run-out along the paths")
+    return partial(figures.runout_figure, edges, counts, title="Run-out along the paths")
 
 
 def stopping_reasons(counts: IntArray) -> ReportTable:
@@ -361,7 +362,7 @@ def block_pictures(
             lines = joined_lines(progress.lines)
             xy = np.column_stack([lines.x, lines.y])
             marks = replace(marks, lines=[xy[a:b] for a, b in pairwise(lines.offset)])
-        figure = figures.map_figure(run.grid, layer, marks)
+        figure = map_drawn(run.grid, layer, marks)
         alt = map_alt(run.grid, layer)
         caption = layer.note
         if stem in ("energy", "passing_height"):
@@ -515,7 +516,7 @@ def profile_report(
 def _profile_pictures(result: ProfileResult, folder: Path) -> list[ReportFigure]:
     p = result.profile
     caption = "Paths of the centres of the blocks; chainage in plan."
-    figure = figures.profile_figure([profile_panel(result)])
+    figure = partial(figures.profile_figure, [profile_panel(result)])
     out = [picture(folder, "profile", "Trajectories", caption, figure)]
     caption = phrase("Quantiles of the blocks that reach each stretch of {} m.", f"{STRETCH_M:g}")
     for quantity, title in (
@@ -523,9 +524,9 @@ def _profile_pictures(result: ProfileResult, folder: Path) -> list[ReportFigure]
         ("speed", "Speed along the profile"),
         ("height", "Passing height along the profile"),
     ):
-        figure = figures.energy_profile_figure(
-            result.stretches, result.along[quantity], p.s, p.z, quantity=quantity,
-            control_lines=list(p.control_lines),
+        figure = partial(
+            figures.energy_profile_figure, result.stretches, result.along[quantity], p.s, p.z,
+            quantity=quantity, control_lines=list(p.control_lines),
         )  # fmt: skip
         out.append(picture(folder, f"{quantity}_along", title, caption, figure))
     ended = np.concatenate([result.rocks, result.pieces])
@@ -537,7 +538,7 @@ def _profile_pictures(result: ProfileResult, folder: Path) -> list[ReportFigure]
     counts = {
         r: np.histogram(ended["runout_m"][ended["reason"] == r], edges)[0] for r in StopReason
     }
-    figure = figures.runout_figure(edges, counts)
+    figure = partial(figures.runout_figure, edges, counts)
     out.append(picture(folder, "runout", "Run-out", caption, figure))
     caption = "First downhill passage."
     return out + station_figures(

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-import pickle
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import CancelledError, Future
 from contextlib import contextmanager
 from contextvars import ContextVar
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from threading import Event
@@ -19,9 +19,9 @@ from sassgis.errors import OutputError
 from sassgis.grid import Grid
 from sassgis.report.figures.map_figure import class_numbers, map_figure, shown_values
 from sassgis.report.figures.map_marks import MapMarks
-from sassgis.report.figures.style import to_png, translate_texts
+from sassgis.report.figures.style import to_png
 from sassgis.report.page import ReportFigure, sensible
-from sassgis.settings.languages import joined, phrase
+from sassgis.settings.languages import Language, current_language, in_language, joined, phrase
 from sassgis.settings.results import RasterLayer, thousands
 from sassgis.settings.styles import class_labels
 from sassgis.simulation.path_sample import LinePaths
@@ -54,24 +54,22 @@ def _ready() -> None:
 
 
 def picture(
-    folder: Path, name: str, title: str, caption: str, figure: Figure, alt: str = ""
+    folder: Path, name: str, title: str, caption: str, make: Callable[[], Figure], alt: str = ""
 ) -> ReportFigure:
-    """Save a figure as ``<name>.png`` for a report; CancelledError if nobody waits any more."""
+    """Save a figure as ``<name>.png`` for a report; CancelledError if nobody waits any more.
+
+    ``make`` may be called in another process: a function of a module, with what it draws.
+    """
     if (given_up := GIVEN_UP.get()) is not None and given_up.is_set():
         raise CancelledError
     folder.mkdir(parents=True, exist_ok=True)
-    file = folder / f"{name}.png"
+    draw = partial(_drawn, folder / f"{name}.png", make, current_language())
     if (drawers := DRAWERS.get()) is None:
-        return ReportFigure(title, caption, partial(bytes, _drawn(file, figure)), alt)
-    translate_texts(figure)
-    packed = pickle.dumps(figure, pickle.HIGHEST_PROTOCOL)
-    # Its parts refer to each other: Python would find only later that nobody needs them.
-    figure.clear()
-    drawn = drawers.submit(_drawn_again, file, packed)
-    return ReportFigure(title, caption, partial(_awaited, drawn, file, packed), alt)
+        return ReportFigure(title, caption, partial(bytes, draw()), alt)
+    return ReportFigure(title, caption, partial(_awaited, drawers.submit(draw), draw), alt)
 
 
-def _awaited(drawn: Future[bytes], file: Path, packed: bytes) -> bytes:
+def _awaited(drawn: Future[bytes], draw: Callable[[], bytes]) -> bytes:
     """Wait for a figure; it is drawn here where no other process could be started."""
     while True:
         try:
@@ -80,16 +78,13 @@ def _awaited(drawn: Future[bytes], file: Path, packed: bytes) -> bytes:
             if (given_up := GIVEN_UP.get()) is not None and given_up.is_set():
                 raise CancelledError from None
         except OutputError:
-            return _drawn_again(file, packed)
+            return draw()
 
 
-def _drawn_again(file: Path, packed: bytes) -> bytes:
-    return _drawn(file, pickle.loads(packed))
-
-
-def _drawn(file: Path, figure: Figure) -> bytes:
-    """Write a figure as PNG, and return it."""
-    png = to_png(figure)
+def _drawn(file: Path, make: Callable[[], Figure], language: Language) -> bytes:
+    """Make a figure, write it as PNG, and return that."""
+    with in_language(language):
+        png = to_png(make())
     file.write_bytes(png)
     return png
 
@@ -100,12 +95,17 @@ def map_pictures(
     """Draw layers as maps, those that hold anything."""
     return tuple(
         picture(
-            folder, f"map_{layer.stem}", layer.title, layer.note, map_figure(grid, layer, marks),
-            map_alt(grid, layer),
+            folder, f"map_{layer.stem}", layer.title, layer.note,
+            map_drawn(grid, layer, marks), map_alt(grid, layer),
         )
         for layer in layers
         if np.isfinite(layer.bands[0].values).any()
     )  # fmt: skip
+
+
+def map_drawn(grid: Grid, layer: RasterLayer, marks: MapMarks) -> Callable[[], Figure]:
+    """Return what draws the first band of a layer as a map."""
+    return partial(map_figure, grid, replace(layer, bands=layer.bands[:1]), marks)
 
 
 def map_alt(grid: Grid, layer: RasterLayer) -> str:

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -183,7 +184,8 @@ def protection_sheets(
         along = places[places["line"] == line.name].dropna(subset=["energy_q95_kj"])
         here = along[along["moved_m"] == 0.0]
         built = line.kind != "station"
-        drawn = figures.protection_figure(
+        drawn = partial(
+            figures.protection_figure,
             along,
             arrivals(without_barriers, i, "energy_kj"),
             arrivals(with_barriers, i, BEHIND) if built else None,

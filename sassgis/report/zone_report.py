@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -23,7 +24,7 @@ from sassgis.hazard.zoning.coverage import Coverage
 from sassgis.report import figures
 from sassgis.report.map_report import map_marks
 from sassgis.report.page import Cell, ReportFigure, ReportTable, heads, sensible, table_of
-from sassgis.report.pictures import classes_alt, map_alt, picture
+from sassgis.report.pictures import classes_alt, map_alt, map_drawn, picture
 from sassgis.report.protection_page import limited, map_objects
 from sassgis.settings.hazard_rules import LIMIT_TEXT, HazardPreset
 from sassgis.settings.languages import joined, phrase
@@ -85,8 +86,8 @@ def zone_figures(
         return ()
     out: list[ReportFigure] = []
 
-    def add(name: str, title: str, caption: str, alt: str, figure: Figure) -> None:
-        out.append(picture(folder, name, title, caption, figure, alt))
+    def add(name: str, title: str, caption: str, alt: str, make: Callable[[], Figure]) -> None:
+        out.append(picture(folder, name, title, caption, make, alt))
 
     by_stem = {layer.stem: layer for layer in maps}
     zones = hazard.levels
@@ -113,7 +114,7 @@ def zone_figures(
         "Hazard zones",
         phrase(text, rules.preset.name, phrase(rules.preset.title), width),
         classes_alt(level.title, areas),
-        figures.map_figure(grid, level, zone_marks),
+        map_drawn(grid, level, zone_marks),
     )
     intensities = [m for m in maps if m.stem.startswith("intensity")]
     add(
@@ -121,7 +122,7 @@ def zone_figures(
         "Intensity by return period",
         phrase("Highest intensity reached at least once in the return period. {}", width),
         joined(" ", (map_alt(grid, layer) for layer in intensities)),
-        figures.intensity_figure(grid, intensities, marks),
+        partial(figures.intensity_figure, grid, intensities, marks),
     )
     text = (
         "With another random seed, cells may change level. The hatched cells hold {} % of "
@@ -133,7 +134,7 @@ def zone_figures(
         "Where the level is statistically uncertain",
         joined(" ", (phrase(text, f"{100 * confidence:.3g}"), width)),
         map_alt(grid, not_certain),
-        figures.confidence_figure(grid, level, not_certain.bands[0].values == 1, marks),
+        partial(figures.confidence_figure, grid, level, not_certain.bands[0].values == 1, marks),
     )
     if len(history) > 1:
         add(
@@ -146,7 +147,7 @@ def zone_figures(
                 phrase("{} blocks: {} %", thousands(n), f"{100 * share:.1f}")
                 for n, share in history
             )),
-            figures.blocks_figure(history, changed_share_max),
+            partial(figures.blocks_figure, history, changed_share_max),
         )  # fmt: skip
     if found.without is not None:
         both = []
@@ -161,7 +162,7 @@ def zone_figures(
             BARRIERS_TITLE,
             joined(" ", (phrase(text), width)),
             phrase("Without: {} With: {}", *(map_alt(grid, layer) for layer in both)),
-            figures.change_figure(grid, both[0], both[1], marks, names=names),
+            partial(figures.change_figure, grid, both[0], both[1], marks, names=names),
         )
     curves, preset = hazard.curves, rules.preset
     x, y = grid.cell_centres(curves.places[place : place + 1])
@@ -177,8 +178,9 @@ def zone_figures(
             "matrix that the curve crosses gives the level. {}", width,
         ),
         phrase("Falling curve. Blocks per year: {}.", joined(", ", rates)),
-        figures.hazard_curve_figure(
-            curves, place, preset, by_source=curves_at(hazard, place), confidence=confidence,
+        partial(
+            figures.hazard_curve_figure, curves.part([place]), preset,
+            by_source=curves_at(hazard, place), confidence=confidence,
             note=phrase("At {}, {}.", thousands(x[0]), thousands(y[0])),
         ),
     )  # fmt: skip
@@ -206,7 +208,7 @@ def _risk_figures(risk: RiskTable, currency: str, folder: Path) -> list[ReportFi
             "bound). The user stated values and vulnerability."
         )
         limits = risk.limits(quantity)
-        figure = figures.risk_figure(names, values, limits, quantity=quantity, unit=unit)
+        figure = partial(figures.risk_figure, names, values, limits, quantity=quantity, unit=unit)
         alt = phrase("Bars, the largest first: {}.", joined(", ", largest))
         out.append(picture(folder, f"risk_{quantity}", title, caption, figure, alt))
     return out

@@ -295,7 +295,7 @@ class Processes:
 
     def submit(self, work: Callable[..., R], *arguments: Any) -> Future[R]:
         """Give a process a call that has nothing in common with others."""
-        return self._threads.submit(self._do, _called, pickle.dumps(work), arguments)
+        return self._threads.submit(self._do, _called, _NOTHING, (work, arguments))
 
     def _do(self, work: Work, common: bytes, task: Any) -> Any:
         """Return the result of one task, in a thread of its process."""
@@ -333,7 +333,11 @@ class Processes:
             return process
 
 
-def _called(work: Callable[..., R], arguments: tuple[Any, ...]) -> R:
+_NOTHING = pickle.dumps(None)
+
+
+def _called(_common: None, call: tuple[Callable[..., R], tuple[Any, ...]]) -> R:
+    work, arguments = call
     return work(*arguments)
 
 

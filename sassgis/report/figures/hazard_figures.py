@@ -106,8 +106,7 @@ def _rate_limits(rates: FloatArray, preset: HazardPreset) -> tuple[float, float]
 
 @style.house_style()
 def hazard_curve_figure(
-    curves: HazardCurves,
-    row: int,
+    one: HazardCurves,
     preset: HazardPreset,
     *,
     by_source: Mapping[str, FloatArray] | None = None,
@@ -116,11 +115,10 @@ def hazard_curve_figure(
 ) -> Figure:
     """Draw how often blocks reach a place with at least some energy, over the hazard matrix.
 
-    ``row`` is the place in the curves, which have the thresholds of the preset; ``by_source`` are
+    ``one`` are the curves of that place, with the thresholds of the preset; ``by_source`` are
     rates (1/year) of shape (n_energies,), of which the least of more than ``MAX_SOURCES`` go
     together.
     """
-    one = curves.part([row])
     energies, total = one.energies_kj, one.rate[0]
     sources = leading_sources(by_source or {})
     lower, upper = (limit[0] for limit in rate_interval(one, confidence))

@@ -165,6 +165,7 @@ def finish(
 
     Nothing can be added afterwards.
     """
+    style.translate_texts(sheet.figure)
     sheet.lay_out(axes)
     dpi = sheet.figure.dpi
     # Labels and signs beyond the edges of the maps.

@@ -133,11 +133,9 @@ class Sheet:
     def keep_places(self) -> None:
         """Do not lay the figure out again when it is drawn: that takes half of the time.
 
-        Nothing can be added afterwards. In other languages than English it is laid out again, as
-        texts are put into them later.
+        Nothing can be added afterwards.
         """
-        if current_language() == "en":
-            self.figure.set_layout_engine("none")
+        self.figure.set_layout_engine("none")
 
     def legend(self, signs: Sequence[Artist]) -> None:
         """Draw signs with their labels in rows over the note and what stands there."""

@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import sys
+from functools import partial
 from pathlib import Path
 
 import matplotlib as mpl
@@ -102,8 +103,8 @@ def test_figures_drawn_by_another_process_are_the_same_in_each_language(tmp_path
     counted = np.arange(0.0, 16000.0, 4000.0), {StopReason.REST: np.array([1, 2, 4])}
 
     def drawn(name: str) -> ReportFigure:
-        figure = runout_figure(*counted)
-        return picture(tmp_path, name, "Run-out", "Where blocks end.", figure)
+        make = partial(runout_figure, *counted)
+        return picture(tmp_path, name, "Run-out", "Where blocks end.", make)
 
     with in_language("de"):
         here = drawn("here").png
@@ -120,10 +121,9 @@ def test_figures_are_drawn_here_where_no_process_can_be_started(
         raise OSError("not permitted")
 
     monkeypatch.setattr(workers, "WorkerProcess", refused)
-    figure = blocks_figure([(10, 0.2), (20, 0.1)], 0.05)
-    expected = to_png(figure)
+    make = partial(blocks_figure, [(10, 0.2), (20, 0.1)], 0.05)
     with drawn_beside(2):
-        assert picture(tmp_path, "figure", "Blocks", "", figure).png == expected
+        assert picture(tmp_path, "figure", "Blocks", "", make).png == to_png(make())
 
 
 def test_figures_do_not_load_pyplot() -> None:

@@ -182,7 +182,9 @@ CURVE = curves([0.05, 0.03, 0.02, 0.008, 0.001, 0.0])
 
 def test_the_curve_is_drawn_with_band_sources_and_fields() -> None:
     sources = {"A / small": CURVE.rate[1] * 0.75, "A / large": CURVE.rate[1] * 0.25}
-    figure = figures.hazard_curve_figure(CURVE, 1, PRESET, by_source=sources, note="Width 5 m.")
+    figure = figures.hazard_curve_figure(
+        CURVE.part([1]), PRESET, by_source=sources, note="Width 5 m."
+    )
     (total,) = find(figure, "total")
     x, y = total.get_xdata(), total.get_ydata()
     np.testing.assert_allclose(y[:5], CURVE.rate[1, :5])
@@ -209,7 +211,7 @@ def test_the_curve_is_drawn_with_band_sources_and_fields() -> None:
 
 
 def test_the_fields_are_those_of_the_matrix() -> None:
-    figure = figures.hazard_curve_figure(CURVE, 1, PRESET)
+    figure = figures.hazard_curve_figure(CURVE.part([1]), PRESET)
     (ax,) = axes_of(figure, "curve")
 
     def level_at(energy: float, years: float) -> str:
@@ -241,7 +243,7 @@ def test_the_note_tells_the_level_and_what_decides_it() -> None:
         (CURVE, 0, "No block arrives here."),
         (unknown, 1, "does not give the error"),
     ):
-        assert words in texts(figures.hazard_curve_figure(known, row, PRESET))
+        assert words in texts(figures.hazard_curve_figure(known.part([row]), PRESET))
 
 
 def test_many_sources_are_brought_together() -> None:
