@@ -113,7 +113,7 @@ def printed(found: Any, as_json: bool = False, *how: object) -> None:
 
 def notes(texts: Iterable[str]) -> None:
     """Print first the few warnings of what may make a result wrong, then all other ones."""
-    from sassgis.hazard.warnings import first_warnings
+    from sassgis.settings.results import first_warnings
 
     stated = tuple(texts)
     first = first_warnings(stated)

@@ -8,6 +8,7 @@ make the curve.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -227,3 +228,24 @@ def rate_interval(curves: HazardCurves, confidence: float = 0.95) -> tuple[Float
 def wide_variance(curves: HazardCurves) -> FloatArray:
     """Return variances widened as those of 95 % limits, which hold for few drawn points."""
     return curves.variance * widening(curves.freedom, 0.025)
+
+
+@dataclass(frozen=True, slots=True)
+class Arrivals:
+    """How often blocks reach a line with at least some energy, height or the like."""
+
+    edges: FloatArray  # shape (n + 1,); of the bins in which the quantity was counted
+    rate: FloatArray  # shape (n + 1,); frequency at or above each edge, per year; 0 at the last
+    # Shape (n + 1,); simulated blocks behind it; with unequal weights or few points the number of
+    # equal blocks that has the same variance.
+    rocks: np.ndarray
+    largest: float  # largest value of any block; NaN if none arrived
+    # The rate with its variance by the sampling; the line is the place, the edges are the energies.
+    curves: HazardCurves
+
+    def limits(self, confidence: float) -> tuple[Arrivals, Arrivals]:
+        """Return curves between which this one lies, given the sample."""
+        ends = (end.sum(axis=0) for end in rate_interval(self.curves, confidence))
+        low, high = (replace(self, rate=np.minimum.accumulate(rate)) for rate in ends)
+        # No block exceeded the largest value.
+        return low, replace(high, largest=float("inf"))

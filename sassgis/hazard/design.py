@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
 from functools import cache
 from typing import Any
 
@@ -12,35 +11,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sassgis.grid import FloatArray
-from sassgis.hazard.curves import hazard_curves, rate_interval, source_variance
+from sassgis.hazard.curves import Arrivals, hazard_curves, source_variance
 from sassgis.hazard.sources import Sampled
 from sassgis.settings.blocks import BlockPopulation
-from sassgis.settings.hazard_rules import HazardCurves, Source, SourceCounts
+from sassgis.settings.hazard_rules import Source, SourceCounts
 from sassgis.settings.languages import joined, phrase
 from sassgis.settings.results import short
 from sassgis.settings.statistics_table import built_in_rows
 from sassgis.simulation.control_lines import QUANTITIES, Distribution
-
-
-@dataclass(frozen=True, slots=True)
-class Arrivals:
-    """How often blocks reach a line with at least some energy, height or the like."""
-
-    edges: FloatArray  # shape (n + 1,); of the bins in which the quantity was counted
-    rate: FloatArray  # shape (n + 1,); frequency at or above each edge, per year; 0 at the last
-    # Shape (n + 1,); simulated blocks behind it; with unequal weights or few points the number of
-    # equal blocks that has the same variance.
-    rocks: np.ndarray
-    largest: float  # largest value of any block; NaN if none arrived
-    # The rate with its variance by the sampling; the line is the place, the edges are the energies.
-    curves: HazardCurves
-
-    def limits(self, confidence: float) -> tuple[Arrivals, Arrivals]:
-        """Return curves between which this one lies, given the sample."""
-        ends = (end.sum(axis=0) for end in rate_interval(self.curves, confidence))
-        low, high = (replace(self, rate=np.minimum.accumulate(rate)) for rate in ends)
-        # No block exceeded the largest value.
-        return low, replace(high, largest=float("inf"))
 
 
 def arrivals(sampled: Sequence[Sampled], control_line: int, quantity: str) -> Arrivals:

@@ -29,6 +29,7 @@ from sassgis.settings.results import (
     STOP_TEXT,
     LineEnd,
     ReleasePoints,
+    SetUp,
     StopReason,
     ground_name,
     short,
@@ -98,19 +99,6 @@ _STOPS = (
 #: Below this share of all blocks their number is stated in place of the share.
 _FEW = 1e-3
 _GAPS_NAMED = 5  # gaps in the terrain whose place is stated, the largest
-
-
-class SetUp(Phrase):
-    """A warning that describes the set-up and does not mean that a map is wrong."""
-
-
-#: Warnings at the top of a page.
-_FIRST = 5
-
-
-def first_warnings(warnings: Sequence[str]) -> tuple[str, ...]:
-    """Choose the few warnings for the top of a page: those that may make a result wrong."""
-    return tuple(text for text in warnings if not isinstance(text, SetUp))[:_FIRST]
 
 
 def _set_up(text: str, *parts: object) -> SetUp:

@@ -14,8 +14,8 @@ import shapely
 from sassgis.files.atomic_output import staged_file
 from sassgis.files.vector_layer import VectorLayer
 from sassgis.grid import FloatArray, Grid
+from sassgis.hazard.curves import Arrivals
 from sassgis.hazard.design import (
-    Arrivals,
     arrivals,
     net_class,
     rocks_beyond,

@@ -15,9 +15,8 @@ import numpy as np
 from jinja2 import Environment, PackageLoader, StrictUndefined, Template
 
 from sassgis.errors import OutputError
-from sassgis.hazard.warnings import first_warnings
 from sassgis.settings.languages import current_language, translated, with_translated
-from sassgis.settings.results import power_of_ten, thousands
+from sassgis.settings.results import first_warnings, power_of_ten, thousands
 
 #: What a cell of a table may hold; numbers are written with sensible digits, None as a dash.
 Cell = str | int | float | np.integer[Any] | np.floating[Any] | None

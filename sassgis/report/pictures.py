@@ -10,7 +10,7 @@ from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from threading import Event
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -24,8 +24,10 @@ from sassgis.report.page import ReportFigure, sensible
 from sassgis.settings.languages import Language, current_language, in_language, joined, phrase
 from sassgis.settings.results import RasterLayer, thousands
 from sassgis.settings.styles import class_labels
-from sassgis.simulation.path_sample import LinePaths
 from sassgis.simulation.workers import Processes, Workers
+
+if TYPE_CHECKING:
+    from sassgis.simulation.path_sample import LinePaths
 
 #: Set where the figures are drawn next to other work, which may fail or be stopped.
 GIVEN_UP: ContextVar[Event | None] = ContextVar("given_up", default=None)

@@ -186,7 +186,7 @@ def protection_sheets(
         built = line.kind != "station"
         drawn = partial(
             figures.protection_figure,
-            along,
+            {str(name): own.to_numpy(float) for name, own in along.select_dtypes("number").items()},
             arrivals(without_barriers, i, "energy_kj"),
             arrivals(with_barriers, i, BEHIND) if built else None,
             list(needs["return_period_years"]),

@@ -15,7 +15,6 @@ from sassgis.grid import Grid
 from sassgis.hazard.adaptive_sampling import check_budget
 from sassgis.hazard.design import size_warnings
 from sassgis.hazard.warnings import (
-    first_warnings,
     ground_warnings,
     idle_areas,
     path_warnings,
@@ -40,7 +39,7 @@ from sassgis.runs.variant_lab import spread_rules
 from sassgis.settings.crs import crs_name
 from sassgis.settings.ground import TRUST_TEXT, GroundTable
 from sassgis.settings.map_run import Config, MapRun, ReleaseArea
-from sassgis.settings.results import ControlLine
+from sassgis.settings.results import ControlLine, first_warnings
 from sassgis.settings.schema import Input
 from sassgis.simulation.estimate import RunEstimate, estimate_of, for_zones, require_profile
 from sassgis.simulation.loop import check_starts, on_known_ground

@@ -19,7 +19,7 @@ from sassgis.hazard.design import arrivals, motion_warnings, value_at_rate
 from sassgis.hazard.object_values import ObjectValues, object_values
 from sassgis.hazard.risk import RiskTable
 from sassgis.hazard.sources import ReachAngles, Sampled, reach_angles, sampled_sources
-from sassgis.hazard.warnings import first_warnings, ground_shares
+from sassgis.hazard.warnings import ground_shares
 from sassgis.hazard.zoning.applied_edits import shares_text
 from sassgis.inputs.dem import read_base_map
 from sassgis.inputs.result_folder import EDITS_FILE, RESULT_FILE, ZONE_FILE
@@ -77,7 +77,7 @@ from sassgis.settings.hazard_rules import LIMIT_TEXT, HazardPreset
 from sassgis.settings.languages import joined, named, phrase
 from sassgis.settings.map_run import Config, MapRun
 from sassgis.settings.process import give_back_freed
-from sassgis.settings.results import RUNOUT_COUNTS, RasterLayer, StopReason
+from sassgis.settings.results import RUNOUT_COUNTS, RasterLayer, StopReason, first_warnings
 from sassgis.settings.statistics_table import Bins, bins_of
 from sassgis.simulation.accumulators import Progress, line_ends, sample_of
 from sassgis.simulation.checkpoint import read_rows

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -185,23 +186,25 @@ def simulate_job(
         if more is not None:
             progress.rounds = (*progress.rounds, more)
             tell(f"The target needs further repetitions of all release areas: {more.repetitions}")
-        if more is not None or not sums_only or keeps_rows(config):
-            # Whatever happens while the result is written, the simulation is not lost.
-            checkpoint.save(progress, 0.0 if more is None else SAVE_EVERY_S)
         if more is None:
             break
-    if progress.parts is not None:
-        if place.folder is not None:
-            keep_areas(place.folder / KEPT_NAME, progress, run)
-        join_parts(progress, run)
+        checkpoint.save(progress, SAVE_EVERY_S)
     seconds = time.perf_counter() - began
     tolerance = None
-    if not sums_only:
-        tell("Repeating a sample at half and double the tolerance")
-        try:
-            tolerance = check_tolerance(run, planned, jobs)
-        except KeyboardInterrupt:
-            raise Interrupted(f"stopped by the user{checkpoint.kept}") from None
+    with ThreadPoolExecutor(1) as pool:
+        # Whatever happens while the result is written, the simulation is not lost.
+        saving = not sums_only or keeps_rows(config)
+        kept = pool.submit(_keep, checkpoint if saving else None, place.folder, progress, run)
+        if not sums_only:
+            tell("Repeating a sample at half and double the tolerance")
+            try:
+                tolerance = check_tolerance(run, planned, jobs)
+            except KeyboardInterrupt:
+                kept.result()
+                raise Interrupted(f"stopped by the user{checkpoint.kept}") from None
+        kept.result()
+    if progress.parts is not None:
+        join_parts(progress, run)
     give_back_freed()
     warnings = (
         *job.notices,
@@ -214,6 +217,16 @@ def simulate_job(
         config=config, run=run, planned=planned, progress=progress, checkpoint=checkpoint,
         warnings=warnings, seconds=seconds, tolerance=tolerance,
     )  # fmt: skip
+
+
+def _keep(
+    checkpoint: Checkpoint | None, folder: Path | None, progress: Progress, run: MapRun
+) -> None:
+    """Save the state of a run at its end, and the sums of areas that are apart."""
+    if checkpoint is not None:
+        checkpoint.save(progress)
+    if progress.parts is not None and folder is not None:
+        keep_areas(folder / KEPT_NAME, progress, run)
 
 
 def _changed(job: Job) -> list[str]:

@@ -393,3 +393,16 @@ def thousands(value: float, decimals: int = 0) -> str:
 def power_of_ten(exponent: int) -> str:
     """Write a power of ten, as '10⁻⁶'."""
     return "10" + str(exponent).translate(str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹"))
+
+
+class SetUp(Phrase):
+    """A warning that describes the set-up and does not mean that a map is wrong."""
+
+
+#: Warnings at the top of a page.
+_FIRST = 5
+
+
+def first_warnings(warnings: Sequence[str]) -> tuple[str, ...]:
+    """Choose the few warnings for the top of a page: those that may make a result wrong."""
+    return tuple(text for text in warnings if not isinstance(text, SetUp))[:_FIRST]

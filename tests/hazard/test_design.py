@@ -12,8 +12,8 @@ import pandas as pd
 import pytest
 import shapely
 
+from sassgis.hazard.curves import Arrivals
 from sassgis.hazard.design import (
-    Arrivals,
     arrivals,
     net_class,
     rocks_beyond,

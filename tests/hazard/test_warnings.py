@@ -14,7 +14,6 @@ from helpers.terrains import grid_of, rough
 
 from sassgis.hazard.sampling_error import LevelChances
 from sassgis.hazard.warnings import (
-    SetUp,
     assessed_warnings,
     edge_words,
     ground_warnings,
@@ -25,7 +24,7 @@ from sassgis.hazard.warnings import (
 )
 from sassgis.inputs.ground_map import built_in_table
 from sassgis.settings.hazard_rules import BlockBudget
-from sassgis.settings.results import ControlLine, LineEnd, StopReason
+from sassgis.settings.results import ControlLine, LineEnd, SetUp, StopReason
 from sassgis.simulation.accumulators import Progress
 from sassgis.simulation.control_lines import ControlLineSums
 from sassgis.simulation.map_sums import MapSums

@@ -11,7 +11,6 @@ from itertools import pairwise
 
 import matplotlib as mpl
 import numpy as np
-import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.colors import BoundaryNorm, ListedColormap, Normalize
 from matplotlib.figure import Figure
@@ -20,8 +19,7 @@ from matplotlib.ticker import NullLocator
 from numpy.typing import NDArray
 
 from sassgis.grid import FloatArray, Grid
-from sassgis.hazard.curves import rate_interval, return_period
-from sassgis.hazard.design import Arrivals
+from sassgis.hazard.curves import Arrivals, rate_interval, return_period
 from sassgis.hazard.levels import (
     LEVEL_CHANGES,
     deciding_energy,
@@ -382,7 +380,7 @@ _RARER = 5.0
 
 @style.house_style()
 def protection_figure(
-    places: pd.DataFrame,
+    places: Mapping[str, FloatArray],
     before: Arrivals,
     behind: Arrivals | None,
     return_periods_years: Sequence[float],
@@ -392,9 +390,10 @@ def protection_figure(
 ) -> Figure:
     """Draw energies before and behind a line by frequency, and what reaches copies of the line.
 
-    ``places`` are its rows of places_table; with a single one the second part is left out.
+    ``places`` are the columns of its rows of places_table, of numbers; with a single row the second
+    part is left out.
     """
-    along = len(places) > 1
+    along = len(places["moved_m"]) > 1
     figure = style.new_figure(style.WIDTH_IN, 2.9)
     grid = figure.add_gridspec(2, 2 if along else 1, height_ratios=(2.2, 1.0))
     ax = figure.add_subplot(grid[:, 0])
@@ -442,15 +441,15 @@ def protection_figure(
     return figure
 
 
-def _draw_along(upper: Axes, lower: Axes, places: pd.DataFrame) -> None:
+def _draw_along(upper: Axes, lower: Axes, places: Mapping[str, FloatArray]) -> None:
     """Draw 95 % energy and passing height, and the share of the blocks that comes so far."""
-    moved = places["moved_m"].to_numpy(float)
+    moved = places["moved_m"]
     other = upper.twinx()
     for ax, key, colour, name, marks in (
         (upper, "energy_q95_kj", style.BLUE, "energy, 95 % (kJ)", "o-"),
         (other, "height_q95_m", style.VERMILION, "passing height, 95 % (m)", "s--"),
     ):
-        value, low, high = (places[key + end].to_numpy(float) for end in ("", "_low", "_high"))
+        value, low, high = (places[key + end] for end in ("", "_low", "_high"))
         ax.fill_between(moved, low, high, color=colour, alpha=0.15, lw=0.0)
         ax.plot(moved, value, marks, color=colour, ms=3.0, lw=1.1)
         # A long label on the right may go down beside the lower panel.
@@ -460,7 +459,7 @@ def _draw_along(upper: Axes, lower: Axes, places: pd.DataFrame) -> None:
         ax.set_ylim(0.0, 1.15 * float(np.nanmax([*value, *high, 1e-9])))
     other.spines["right"].set_visible(True)
     upper.tick_params(labelbottom=False)
-    lower.bar(moved, 100.0 * places["share"].to_numpy(float), 7.0, color=style.GREY)
+    lower.bar(moved, 100.0 * places["share"], 7.0, color=style.GREY)
     lower.set_ylabel("blocks (%)", size=style.SMALL)
     lower.set_xlabel("line moved: upslope (−), downslope (+) (m)")
     lower.set_xticks(moved)

@@ -25,7 +25,6 @@ from matplotlib.figure import Figure
 from matplotlib.patheffects import AbstractPathEffect, withStroke
 from matplotlib.text import Text
 from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter, PercentFormatter
-from scipy.optimize import isotonic_regression
 
 from sassgis.errors import OutputError
 from sassgis.grid import FloatArray
@@ -279,6 +278,11 @@ def spread(positions: Sequence[float] | FloatArray, widths: float | FloatArray) 
     order = np.argsort(wanted, kind="stable")
     room = np.broadcast_to(np.asarray(widths, float), wanted.shape)[order]
     packed = np.append(0.0, np.cumsum((room[:-1] + room[1:]) / 2.0))
+    if not np.any(np.diff(wanted[order] - packed) < 0.0):
+        return wanted.copy()
+    # Takes long to load, and labels seldom overlap.
+    from scipy.optimize import isotonic_regression
+
     out = np.empty_like(wanted)
     # Less the tightest packing, the middles need only not to fall.
     out[order] = packed + isotonic_regression(wanted[order] - packed).x
