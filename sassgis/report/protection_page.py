@@ -186,7 +186,7 @@ def protection_sheets(
         built = line.kind != "station"
         drawn = partial(
             figures.protection_figure,
-            {str(name): own.to_numpy(float) for name, own in along.select_dtypes("number").items()},
+            {name: along[name].to_numpy(float) for name in figures.PLACES_SHOWN},
             arrivals(without_barriers, i, "energy_kj"),
             arrivals(with_barriers, i, BEHIND) if built else None,
             list(needs["return_period_years"]),

@@ -3,6 +3,7 @@
 from sassgis.report.figures.distributions import energy_profile_figure as energy_profile_figure
 from sassgis.report.figures.distributions import runout_figure as runout_figure
 from sassgis.report.figures.distributions import station_figure as station_figure
+from sassgis.report.figures.hazard_figures import PLACES_SHOWN as PLACES_SHOWN
 from sassgis.report.figures.hazard_figures import blocks_figure as blocks_figure
 from sassgis.report.figures.hazard_figures import change_figure as change_figure
 from sassgis.report.figures.hazard_figures import confidence_figure as confidence_figure

@@ -374,6 +374,12 @@ def _risk_tick(exponent: int, value: float, _: object) -> str:
     return thousands(value) if value >= 1e3 else f"{value / 10.0**exponent:g}"
 
 
+#: Columns of places_table that a figure of protection shows.
+PLACES_SHOWN = (
+    "moved_m",
+    "share",
+    *(f"{key}{end}" for key in ("energy_q95_kj", "height_q95_m") for end in ("", "_low", "_high")),
+)
 #: Frequencies this much rarer than the longest return period are not drawn.
 _RARER = 5.0
 
@@ -390,8 +396,8 @@ def protection_figure(
 ) -> Figure:
     """Draw energies before and behind a line by frequency, and what reaches copies of the line.
 
-    ``places`` are the columns of its rows of places_table, of numbers; with a single row the second
-    part is left out.
+    ``places`` are PLACES_SHOWN of its rows of places_table; with a single one the second part is
+    left out.
     """
     along = len(places["moved_m"]) > 1
     figure = style.new_figure(style.WIDTH_IN, 2.9)
