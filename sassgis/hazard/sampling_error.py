@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 
 import numpy as np
@@ -171,19 +172,30 @@ def level_chances(
     weight = np.divide(wide_variance(few), few.rate, out=np.zeros_like(few.rate), where=reached)
     with np.errstate(divide="ignore", invalid="ignore"):
         blocks = np.where(reached, few.rate / weight, 0.0)
-    places, first, weight_of_first = _first_reached(few.places, blocks, weight[:, 0], limits, known)
+    betas = [0.0 if in_part else _beta(blocks[:, i]) for i in range(blocks.shape[1])]
+
+    def again(i: int) -> list[tuple[int, FloatArray]]:
+        """Return the chance of each level, by the energies of one class, where blocks came."""
+        rates, weights = few.rate[:, i].copy(), weight[:, i].copy()
+        alike = _alike(weights, blocks[:, i])
+        return [
+            (k, _chance_of_rate(rates, weights, alike, betas[i], float(limits[k, i])))
+            for k in np.flatnonzero(np.isfinite(limits[:, i])).tolist()
+        ]
+
+    with ThreadPoolExecutor(1) as pool:
+        # The other half of the time.
+        looked_for = pool.submit(_first_reached, few.places, blocks, weight[:, 0], limits, known)
+        of_classes = [again(i) for i in range(blocks.shape[1])]
+        places, first, weight_of_first = looked_for.result()
     own = np.searchsorted(places, few.places)
     chance = np.zeros((len(limits) + 2, places.size))
     chance[0] = 1.0
-    for i in range(few.rate.shape[1]):
-        beta = 0.0 if in_part else _beta(blocks[:, i])
-        rates, weights = few.rate[:, i].copy(), weight[:, i].copy()
-        alike = _alike(weights, blocks[:, i])
-        for k in np.flatnonzero(np.isfinite(limits[:, i])).tolist():
+    for i, of_class in enumerate(of_classes):
+        for k, once_more in of_class:
             one = np.zeros(places.size)
-            limit = float(limits[k, i])
-            one[own] = _chance_of_rate(rates, weights, alike, beta, limit)
-            new = _chance_of_new(first[:, i], weight_of_first, beta, limit)
+            one[own] = once_more
+            new = _chance_of_new(first[:, i], weight_of_first, betas[i], float(limits[k, i]))
             chance[k + 1] = np.maximum.reduce([chance[k + 1], one, new])
     # A level that is reached is reached by the lower ones too, whatever the rounding.
     np.maximum.accumulate(chance[::-1], out=chance[::-1])
