@@ -195,14 +195,14 @@ def simulate_job(
         # Whatever happens while the result is written, the simulation is not lost.
         saving = not sums_only or keeps_rows(config)
         kept = pool.submit(_keep, checkpoint if saving else None, place.folder, progress, run)
-        if not sums_only:
-            tell("Repeating a sample at half and double the tolerance")
-            try:
+        try:
+            if not sums_only:
+                tell("Repeating a sample at half and double the tolerance")
                 tolerance = check_tolerance(run, planned, jobs)
-            except KeyboardInterrupt:
-                kept.result()
-                raise Interrupted(f"stopped by the user{checkpoint.kept}") from None
-        kept.result()
+            kept.result()
+        except KeyboardInterrupt:
+            kept.result()
+            raise Interrupted(f"stopped by the user{checkpoint.kept}") from None
     if progress.parts is not None:
         join_parts(progress, run)
     give_back_freed()
