@@ -13,7 +13,8 @@ from contextlib import suppress
 def main(arguments: list[str] | None = None) -> None:
     """Run the command line; errors print as one line and set the exit code.
 
-    Without ``arguments`` those of the process are taken, which ends then.
+    Without ``arguments`` those of the process are taken, which ends then: nothing that waits for
+    its end is called (atexit).
     """
     try:
         from sassgis.cli.entry import run_commands
@@ -27,6 +28,8 @@ def main(arguments: list[str] | None = None) -> None:
             raise
         # Python would look through millions of objects of the libraries first, for a second.
         for stream in (sys.stdout, sys.stderr):
-            with suppress(OSError, ValueError):
-                stream.flush()
-        os._exit(ended.code if isinstance(ended.code, int) else 1)
+            # None where it was closed before the start.
+            if stream is not None:
+                with suppress(OSError, ValueError):
+                    stream.flush()
+        os._exit(ended.code if isinstance(ended.code, int) else int(ended.code is not None))

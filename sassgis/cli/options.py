@@ -28,7 +28,8 @@ class ProgressBar:
     """
 
     def __init__(self) -> None:
-        self._terminal = sys.stderr.isatty()
+        # None where it was closed before the start.
+        self._terminal = sys.stderr is not None and sys.stderr.isatty()
         asked = os.environ.get("SASSGIS_PROGRESS_S", "")
         self._every_s = float(asked) if asked.replace(".", "", 1).isdecimal() else 30.0
         self._began: tuple[float, int] | None = None

@@ -60,7 +60,8 @@ def picture(
 ) -> ReportFigure:
     """Save a figure as ``<name>.png`` for a report; CancelledError if nobody waits any more.
 
-    ``make`` may be called in another process: a function of a module, with what it draws.
+    ``make`` may be called in another process, and later: a function of a module, with what it
+    draws, which must not change any more.
     """
     if (given_up := GIVEN_UP.get()) is not None and given_up.is_set():
         raise CancelledError

@@ -201,7 +201,8 @@ def simulate_job(
                 tolerance = check_tolerance(run, planned, jobs)
             kept.result()
         except KeyboardInterrupt:
-            kept.result()
+            with held_back():
+                kept.result()
             raise Interrupted(f"stopped by the user{checkpoint.kept}") from None
     if progress.parts is not None:
         join_parts(progress, run)

@@ -150,3 +150,15 @@ def test_the_schema_is_written_once(tmp_path: Path, printed, refusal) -> None:
     printed("schema", file)
     assert json.loads(file.read_text("utf-8")) == json.loads(json.dumps(config_schema()))
     assert "--overwrite" in refusal("schema", file, code=3)
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="the shell of POSIX closes the streams")
+@pytest.mark.parametrize("closed", [">&-", ">&- 2>&-"])
+@pytest.mark.parametrize(("arguments", "code"), [("--version", 0), ("run no_such.toml -o out", 2)])
+def test_exit_codes_stay_where_a_stream_is_closed(
+    arguments: str, code: int, closed: str, tmp_path: Path
+) -> None:
+    command = f"{shlex.quote(sys.executable)} -m sassgis {arguments} {closed}"
+    done = subprocess.run(["sh", "-c", command], cwd=tmp_path, capture_output=True, check=False)
+    assert done.returncode == code
+    assert b"Traceback" not in done.stderr

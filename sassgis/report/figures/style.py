@@ -191,7 +191,8 @@ def translate_texts(figure: Figure) -> None:
     if current_language() != "en":
         for text in figure.findobj(Text):
             assert isinstance(text, Text)
-            text.set_text(translated(text.get_text()))
+            # Named: a figure that is laid out before it is written comes here twice.
+            text.set_text(named(translated(text.get_text())))
 
 
 def save(figure: Figure, path: str | PathLike[str]) -> Path:

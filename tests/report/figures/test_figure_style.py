@@ -126,6 +126,28 @@ def test_figures_are_drawn_here_where_no_process_can_be_started(
         assert picture(tmp_path, "figure", "Blocks", "", make).png == to_png(make())
 
 
+def test_texts_that_are_translated_twice_stay() -> None:
+    figure = style.new_figure(2.0, 2.0)
+    # In Italian "Zones" is "Zone", which is English too.
+    figure.text(0.5, 0.5, "Zones")
+    with in_language("it"):
+        style.translate_texts(figure)
+        once = texts(figure)
+        style.translate_texts(figure)
+    assert texts(figure) == once
+    assert "Zones" not in once
+
+
+def test_what_draws_loads_neither_engine_nor_frames() -> None:
+    import subprocess
+
+    code = (
+        "import sys, sassgis.report.pictures;"
+        "sys.exit(any(name in sys.modules for name in ('numba', 'pandas')))"
+    )
+    assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
+
+
 def test_figures_do_not_load_pyplot() -> None:
     import subprocess
 
