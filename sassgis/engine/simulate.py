@@ -142,15 +142,13 @@ def without_barriers(
     """
     if not rows.reasons_without.size:
         return None
-    counts = by_threshold(changes, np.arange(places.size))
-    differ = np.any([own != 0 for own in counts.values()], axis=(0, 2))
-    some = np.flatnonzero(differ)
+    some = np.flatnonzero(changes.blocks[: places.size].any(axis=(1, 2)))
     some = some[np.argsort(places[some])]
     passages = rows.passages_without.rows[: rows.passages_without.n[0]].view(PASSAGE_DTYPE)
     passages["outcome"] = Outcome.PASSED
     idle = int((rows.reasons_without == StopReason.NEVER_STARTED).sum())
     return BlocksWithoutBarriers(
-        places[some], {name: own[some] for name, own in counts.items()},
+        places[some], by_threshold(changes, some),
         by_threshold(totals.changes.objects), passages, idle,
     )  # fmt: skip
 

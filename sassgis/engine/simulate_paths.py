@@ -219,9 +219,8 @@ def _named(
     reached = np.flatnonzero(came)
     order = reached[np.argsort(register.cells[reached])]
     middles = register.windows[: register.counts[WINDOWS]]
-    windows = np.argsort(middles)
-    met = by_threshold(totals.windows, windows)
-    came = met["exceed"][:, 0] > 0
+    met = np.flatnonzero(totals.windows.blocks[: middles.size, :, 0].any(axis=1))
+    windows = met[np.argsort(middles[met])]
     ends = np.concatenate([rows.ends[:-1], rows.spawned_ends[: rows.spawned.n[0]]])
     left = blocks_of(rows, log_events)
     for passages in (rows.passages, rows.passages_without):
@@ -236,8 +235,8 @@ def _named(
     return Simulated(
         cells=register.cells[order],
         **left_in_cells(totals, work, order),
-        windows=register.windows[windows[came]],
-        window_sums={n: v[came] for n, v in met.items()},
+        windows=middles[windows],
+        window_sums=by_threshold(totals.windows, windows),
         objects=by_threshold(totals.objects),
         without=without_barriers(totals, rows, *at_places),
         **left,

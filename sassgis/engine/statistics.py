@@ -206,14 +206,15 @@ def empty_totals(
     # no memory. Smaller blocks come from the C library, which clears them.
     zeros = np.zeros(n_cells * flat.first[-2], np.uint32)
     edges = pairwise(flat.first[:-1])
-    # Hazard is counted in windows where there are some, else in cells.
+    # Hazard is counted in windows where there are some, and of the cells only who came; else in
+    # cells.
     sizes = 0 if disks.n else n_cells, disks.n, n_objects
     return Totals(
         bins=flat,
         stops=np.zeros(n_cells, np.int64),
         values=np.repeat(_EMPTY, n_cells, axis=0),
         counts=tuple(zeros[n_cells * a : n_cells * b].reshape(n_cells, b - a) for a, b in edges),
-        reach=no_exceedance(n_cells, levels, are_cells=True),
+        reach=no_exceedance(n_cells, 1 if disks.n else levels, are_cells=True),
         disks=disks,
         windows=no_exceedance(disks.n, levels),
         on_objects=on_objects,
@@ -502,7 +503,9 @@ def flush(
         for i in range(len(_LOWERED)):
             at = len(_SUMMED) + len(_RAISED) + i
             values[at] = min(values[at], record[_LOWERED[i]])
-        level = _bin_of(bins, len(_BINNED), record[ENERGY])
+        level = 0
+        if totals.reach.blocks.shape[1] > 1:
+            level = _bin_of(bins, len(_BINNED), record[ENERGY])
         _counts(totals.reach, totals.changes.reach, cell, level, where)
         visit = np.uint64(cell) << _CELL
         for i in range(len(_BINNED)):

@@ -185,6 +185,12 @@ class Hazard:
         zoned = self.chances.level > 0
         return float(self.uncertain[zoned].mean()) if zoned.any() else 0.0
 
+    def without_curves(self) -> Hazard:
+        """Return it without curves and counts of single cells, which take most of the memory."""
+        none = SourceCounts.none(self.curves.energies_kj.size)
+        sampled = tuple(replace(own, cells=none) for own in self.sampled)
+        return replace(self, sampled=sampled, curves=self.curves.part([]))
+
 
 def raster(grid: Grid, cells: IntArray, classes: np.ndarray) -> ClassMap:
     """Return classes of some cells on the grid, 0 elsewhere."""
@@ -351,7 +357,8 @@ class Assessment:
     """Result of zoning."""
 
     hazard: Hazard  # with the barriers there are
-    without: Hazard | None  # without them; None if there are none or not wanted
+    # Without them, and without curves of single cells; None if there are none or not wanted.
+    without: Hazard | None
     # Intensities of each single release area; empty unless asked for.
     by_area: dict[str, Intensities]
     risk: RiskTable | None
@@ -464,7 +471,7 @@ def assess(
             return hazard_of(rules, grid, *own, confidence, edits)
 
         after = hazard(0, rules.edits)
-        before = None if without is None else hazard(1, ())
+        before = None if without is None else hazard(1, ()).without_curves()
         by_area = {area: of_area() for area, of_area in drawn_of.items()}
     risk_before = None if without is None else risk_of(rules, without, energies_kj)
     return Assessment(

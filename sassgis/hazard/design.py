@@ -53,7 +53,8 @@ def _variance(source: Source, counts: SourceCounts) -> FloatArray:
     """Return the variance of a source's rates; of given points at most that of single blocks."""
     if source.random_points:
         return source_variance(source, counts)
-    return source.rate_per_rock**2 * counts.square.astype(np.float64)
+    variance: FloatArray = source.rate_per_rock**2 * counts.square.astype(np.float64)
+    return variance
 
 
 def value_at_rate(curve: Arrivals, rate: float) -> float:

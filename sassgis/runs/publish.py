@@ -281,10 +281,14 @@ class BlockFigures:
 
     layers: tuple[RasterLayer, ...]
     figures: tuple[ReportFigure, ...]
+    at_objects: MapSums  # of the cells of exposed objects
 
 
 def begun(work: Path, done: Simulation, placed: PlacedObjects) -> BlockFigures:
-    """Make maps of the blocks and begin to draw them, in the language of the settings."""
+    """Make maps of the blocks and begin to draw them, in the language of the settings.
+
+    The histograms of the simulation are freed: nothing else is read from them.
+    """
     run, planned, progress = done.run, done.planned, done.progress
     layers = block_maps(
         done.config, run.grid, progress.sums, sample_of(run, progress), bins_of(run)
@@ -294,7 +298,9 @@ def begun(work: Path, done: Simulation, placed: PlacedObjects) -> BlockFigures:
     drawn, folder = list[ReportFigure](), work / "figures"
     if progress.sums.cells.size:
         drawn = block_pictures(run, progress, layers, shown, map_objects(placed), folder)
-    return BlockFigures(layers, (*drawn, *passing_figures(progress, folder)))
+    at_objects = progress.sums.part(run.objects.cell)
+    progress.sums.free_histograms()
+    return BlockFigures(layers, (*drawn, *passing_figures(progress, folder)), at_objects)
 
 
 #: All maps; the report in its language; the warnings in English.
@@ -315,7 +321,9 @@ def publish_map(
     """
     tell("Writing the maps")
     config, run, planned, progress = done.config, done.run, done.planned, done.progress
-    layers, values = blocks.layers, extras.objects or values_at_objects(done, None, ())
+    layers, values = blocks.layers, extras.objects
+    if values is None:
+        values = values_at_objects(done, None, (), blocks.at_objects)
     q95 = {layer.stem: layer.bands[0].values for layer in layers}
     highest = {"speed_mps": q95["speed"], "height_m": q95["passing_height"]}
     warnings = (*extras.warnings, *done.warnings, *motion_warnings(run.released_blocks, highest))
@@ -532,14 +540,17 @@ def values_at_objects(
     done: Simulation,
     sampled: Sequence[Sampled] | None,
     return_periods: Sequence[float],
-    heights: bool = True,
+    sums: MapSums | None,
 ) -> ObjectValues:
-    """Compute what reaches the exposed objects; ``sampled`` with frequencies if there are any."""
+    """Compute what reaches the exposed objects; ``sampled`` with frequencies if there are any.
+
+    ``sums`` are those of their cells; without, no height is stated.
+    """
     run, bins = done.run, bins_of(done.run)
     own = sampled_sources(run, done.progress, None) if sampled is None else sampled
     return object_values(
         run.objects, [s.source for s in own], [s.objects for s in own], bins.threshold,
-        done.progress.sums if heights else None, bins.edges["height"],
+        sums, bins.edges["height"],
         return_periods=return_periods, confidence=done.config.hazard.confidence,
     )  # fmt: skip
 

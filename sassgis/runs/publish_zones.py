@@ -48,13 +48,19 @@ from sassgis.settings.hazard_rules import HazardCurves, HazardPreset
 from sassgis.settings.languages import named, phrase
 from sassgis.settings.map_run import Config
 from sassgis.settings.results import CHANGED_SHARE, RasterLayer
+from sassgis.simulation.map_sums import MapSums
 
 #: Layers of a group of areas that make sense for all groups together; the first is a table, too.
 _OF_GROUPS = ("hazard_zones", "hazard_area", "synoptic_intensity", "indicative_hazard_area")
 
 
-def zone_extras(rules: Rules, found: Assessment, done: Simulation, figures: Path) -> Extras:
-    """Make all that zoning adds to a result; its figures go into the folder ``figures``."""
+def zone_extras(
+    rules: Rules, found: Assessment, done: Simulation, at_objects: MapSums, figures: Path
+) -> Extras:
+    """Make all that zoning adds to a result; its figures go into the folder ``figures``.
+
+    ``at_objects`` are the sums of the cells of exposed objects.
+    """
     config, run, preset = done.config, done.run, rules.preset
     grid, confidence, currency = run.grid, config.hazard.confidence, config.risk.currency
     hazard, budget = found.hazard, config.hazard.budget
@@ -101,12 +107,12 @@ def zone_extras(rules: Rules, found: Assessment, done: Simulation, figures: Path
             zone_layers.level_changes(both, codes, grid.crs),
         ]
         frames["level_changes"] = zone_layers.change_table(both, labels)
-    values = values_at_objects(done, hazard.sampled, periods)
+    values = values_at_objects(done, hazard.sampled, periods, at_objects)
     if found.risk is not None:
         bare = None
         if without is not None:
             # Heights are those of the maps, with barriers.
-            bare = values_at_objects(done, without.sampled, periods, heights=False)
+            bare = values_at_objects(done, without.sampled, periods, None)
         risk = risk_vectors(found.risk, rules.placed, grid.crs, currency, values)
         frames |= risk_tables(found.risk, found.risk_without, currency, (values, bare))
     federal = federal_layers(config, grid, rules, hazard, found.by_area)

@@ -176,6 +176,7 @@ def simulate_job(
     else:
         tell(f"Resuming after {progress.chunks} chunks of an interrupted run")
     while True:
+        give_back_freed()
         run = replace(run, rounds=progress.rounds)
         tell("Simulating")
         simulate_saved(

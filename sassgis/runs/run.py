@@ -280,7 +280,7 @@ def write_zones(
         if first is not None:
             first(found)
         with in_language(language):
-            extras = zone_extras(rules, found, done, work / "figures")
+            extras = zone_extras(rules, found, done, blocks.at_objects, work / "figures")
             extras = with_spread(extras, drawn, work, done, rules.preset)
             return found, publish_map(work, done, areas, tell, extras, blocks)
 

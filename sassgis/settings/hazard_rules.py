@@ -10,6 +10,7 @@ from typing import Annotated, Any, Literal
 
 import numpy as np
 from annotated_types import Interval, MinLen
+from numpy.typing import NDArray
 
 from sassgis.errors import ConfigError, InputError
 from sassgis.grid import FloatArray, IntArray
@@ -84,10 +85,10 @@ class SourceCounts:
     places: IntArray
     # Shape (n, n_energies); blocks whose largest energy in the place is at least that of the
     # column. The first column is for 0 kJ: all blocks that arrived.
-    count: IntArray
+    count: NDArray[np.signedinteger[Any]]
     # Shape (n, n_energies); sum over the strata of the sample (fall lines) of the square of the
     # number of blocks.
-    square: IntArray
+    square: NDArray[np.signedinteger[Any]]
 
     @classmethod
     def none(cls, n_energies: int) -> SourceCounts:

@@ -26,6 +26,10 @@ from sassgis.settings.statistics_table import SUM_NAMES, bins_of
 from sassgis.simulation.control_lines import ControlLineSums
 from sassgis.simulation.map_sums import MapSums, Sample, weighted_counts, weighted_sums
 
+#: Type of counts as long as none can be too large for it.
+_FEW = np.int32
+_Counts = NDArray[np.signedinteger[Any]]
+
 
 class SourceSums:
     """Growing counts, or differences of counts; memory grows with the places that are reached."""
@@ -36,7 +40,9 @@ class SourceSums:
         # rows that follow, so that no count is moved for them.
         self._places: IntArray = np.empty(0, np.int64)
         self._row: IntArray = np.empty(0, np.int64)
-        self._count, self._square = (np.zeros((0, n_energies), np.int64) for _ in range(2))
+        self._count: _Counts = np.zeros((0, n_energies), _FEW)
+        self._square: _Counts = np.zeros((0, n_energies), _FEW)
+        self._most = 0  # no number is larger
         self._handed_out = False  # whether counts of others are the same arrays
 
     def add(self, places: IntArray, count: IntArray, square: IntArray) -> None:
@@ -49,7 +55,18 @@ class SourceSums:
         if self._handed_out:
             self._count, self._square = self._count.copy(), self._square.copy()
             self._handed_out = False
+        self._widen_for(max(_largest(count), _largest(square)))
         _add_rows(self._count, self._square, self._row[at], count, square, reached)
+
+    def _widen_for(self, more: int) -> None:
+        """Widen the type of the counts where it may not hold them and so much more."""
+        limit = np.iinfo(_FEW).max
+        if self._count.dtype == _FEW and self._most + more > limit:
+            self._most = max(_largest(self._count), _largest(self._square))
+            if self._most + more > limit // 2:
+                self._count = self._count.astype(np.int64)
+                self._square = self._square.astype(np.int64)
+        self._most += more
 
     def _found(self, places: IntArray) -> tuple[IntArray, NDArray[np.bool_]]:
         """Find where among the places some are or would be, and whether they are there."""
@@ -68,8 +85,9 @@ class SourceSums:
             room = max(self._places.size, int(1.5 * self._count.shape[0]))
             for name in ("_count", "_square"):
                 # Zeros that nobody has written to take no memory.
-                larger = np.zeros((room, self.n_energies), np.int64)
-                larger[:used] = getattr(self, name)[:used]
+                own = getattr(self, name)
+                larger = np.zeros((room, self.n_energies), own.dtype)
+                larger[:used] = own[:used]
                 setattr(self, name, larger)
 
     def counts(self) -> SourceCounts:
@@ -104,10 +122,14 @@ class SourceSums:
         return sums
 
 
+def _largest(counts: _Counts) -> int:
+    return int(max(counts.max(initial=0), -counts.min(initial=0)))
+
+
 @kernel
 def _add_rows(
-    to_count: IntArray,
-    to_square: IntArray,
+    to_count: _Counts,
+    to_square: _Counts,
     row: IntArray,
     count: IntArray,
     square: IntArray,

@@ -248,6 +248,20 @@ class MapSums:
         self._used = end
         return self.rows_at(cells)
 
+    def part(self, cells: IntArray) -> MapSums:
+        """Return the sums of some of the cells."""
+        rows = np.unique(self.rows_at(cells))
+        rows = rows[rows >= 0]
+        out = MapSums(self._row.size)
+        if rows.size:
+            out.add(self.cells[rows], {name: self.column(name)[rows] for name in self._sums})
+        return out
+
+    def free_histograms(self) -> None:
+        """Free the histograms, most of the memory; nothing can be added any more."""
+        for kept in sums_by("histogram"):
+            self._sums.pop(kept.name, None)
+
     def state(self) -> dict[str, NDArray[Any]]:
         """Return the state needed to go on later, as plain arrays."""
         return {"cells": self.cells, **{n: self.column(n) for n in self._sums}}

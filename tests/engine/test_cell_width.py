@@ -65,13 +65,14 @@ def test_maps_of_cells_and_hazard_curves_of_that_width_count_the_same_blocks(eff
     """But where a block stops off the middle of a cell: it counts there."""
     grid = grid_of(folded, 61, 61)
     held = replace(DEBRIS, mu_0=0.6)
-    out = paths(
-        grid, -49.3, [-20.4, 0.7], n=60, on=held, window=Window(61, 61, 0.5), effects=effects
+    out, in_windows = (
+        paths(grid, -49.3, [-20.4, 0.7], n=60, on=held, window=window, effects=effects)
+        for window in (None, Window(61, 61, 0.5))
     )
     assert (out.pieces.size > 0) == (effects != EffectSettings())
     cells, disks = np.zeros((2, grid.values.size, out.kept["exceed"].shape[1]), np.int64)
     cells[out.cells] = out.kept["exceed"]
-    disks[out.windows] = out.window_sums["exceed"]
+    disks[in_windows.windows] = in_windows.window_sums["exceed"]
     stops = np.zeros(grid.values.size, np.int64)
     stops[out.cells] = out.kept["stops"]
     alike = stops == 0

@@ -129,21 +129,28 @@ def test_a_state_keeps_how_often_the_heaviest_block_counts() -> None:
     assert (found.rocks, found.simulated, found.heaviest) == (20, 6, 8)
 
 
+@pytest.fixture(scope="module")
+def simulated(small) -> Progress:
+    """All blocks of a run, before anything is written."""
+    return simulate_map(small.result.run, small.result.planned)
+
+
 @pytest.fixture
-def saved(small, tmp_path: Path) -> tuple[Checkpoint, list[str]]:
+def saved(simulated: Progress, tmp_path: Path) -> tuple[Checkpoint, list[str]]:
     """The state of a whole run with two files of rows, and what is said when it is restored."""
     own = Checkpoint(tmp_path, "own")
-    for rows in small.result.progress.stops[:2]:
+    for rows in simulated.stops[:2]:
         own.hand_on(rows)
-        own.save(small.result.progress)
+        own.save(simulated)
     assert len(own.rows()) == 2
     return own, []
 
 
-def test_rows_and_state_of_different_moments_are_noticed(small, saved, tmp_path: Path) -> None:
+def test_rows_and_state_of_different_moments_are_noticed(
+    small, simulated: Progress, saved, tmp_path: Path
+) -> None:
     """Each file is as it was saved; they are not of the same attempt."""
-    (older, said), run = saved, small.result.run
-    progress = small.result.progress
+    (older, said), run, progress = saved, small.result.run, simulated
     state, rows = tmp_path / "checkpoint" / "state.npz", older.rows()
     kept = {f: f.read_bytes() for f in (state, *rows)}
 

@@ -72,6 +72,17 @@ def test_counts_of_a_source_stay_as_they_are_when_more_are_added() -> None:
     assert after.count[:, 0].tolist() == [1, 1, 2] and after.square[:, 1].tolist() == [1, 7, 8]
 
 
+@pytest.mark.parametrize("sign", [1, -1])
+def test_counts_of_a_source_may_become_large(sign: int) -> None:
+    sums, place, one = SourceSums(1), np.array([3]), np.array([[1]])
+    largest = sign * np.array([[2**31 - 1]])
+    for _ in range(3):
+        sums.add(place, one, largest)
+    sums.add(np.array([4]), one, one)
+    found = sums.counts()
+    assert found.count.tolist() == [[3], [1]] and found.square.tolist() == [3 * largest[0], [1]]
+
+
 def test_the_early_quantile_of_counted_times() -> None:
     rng = np.random.default_rng(2)
     own = [np.sort(rng.gamma(4.0, 5.0, size)).tolist() for size in (1, 3, 40, 1000)]
