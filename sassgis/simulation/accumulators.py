@@ -154,6 +154,7 @@ class ChunkResult:
     rows: BlockRows
     lines: FallLines  # of the first repetition; else none
     lost: int  # blocks of lines that are too short to be simulated on
+    tiles: IntArray  # as in Progress
 
 
 def as_stations(lines: Sequence[ControlLine]) -> tuple[ControlLine, ...]:
@@ -285,8 +286,14 @@ class Progress:
     # Separate sums of the release areas, by position. Except for the sources, they are added to the
     # sums here by join_parts. None if they are not wanted.
     parts: dict[int, Progress] | None = None
-    # Areas whose blocks are taken from an earlier result.
+    # By chunk, the tiles of the grid that blocks came to, with barriers or without; of parts that
+    # are compared without.
+    tiles: list[IntArray] = field(default_factory=list)
+    # Areas whose blocks are taken from an earlier result, except for passages without barriers at
+    # ``new_lines``: chunks of these areas that may come there, by area and number.
     reused: tuple[int, ...] = ()
+    recounted: frozenset[tuple[int, int]] = frozenset()
+    new_lines: tuple[int, ...] = ()
 
     @property
     def compared(self) -> bool:
@@ -333,15 +340,30 @@ def add_chunk(progress: Progress, outcome: ChunkResult, run: MapRun) -> None:
     if progress.worth is not None:
         for scenario, result in outcome.sums.items():
             np.add.at(progress.scores[:, scenario], outcome.points, result.worth)
+    progress.chunks += 1
     own = progress
+    if outcome.area in progress.reused:
+        _add_passages(progress, outcome, run)
+        return
     if progress.parts is not None:
         own = progress.parts.setdefault(outcome.area, Progress.fresh(run))
         progress.simulated -= own.simulated
     _add_sums(own, outcome, run)
     if progress.parts is not None:
+        own.tiles.append(outcome.tiles)
         progress.simulated += own.simulated
         progress.sources |= own.sources
-    progress.chunks += 1
+
+
+def _add_passages(progress: Progress, outcome: ChunkResult, run: MapRun) -> None:
+    """Add passages without barriers at new lines, of a chunk whose other sums are there."""
+    for scenario, result in outcome.sums.items():
+        without = progress.sources[outcome.area, scenario].without
+        if without is not None and result.without is not None:
+            passages = result.without.passages
+            passages = passages[np.isin(passages["control_line"], progress.new_lines)]
+            drawn = run.release.placement == "random"
+            without.control_lines.add(passages, outcome.weight, drawn)
 
 
 def _add_sums(progress: Progress, outcome: ChunkResult, run: MapRun) -> None:

@@ -140,7 +140,11 @@ def state_of(progress: Progress) -> dict[str, NDArray[np.generic]]:
         "history": np.array(progress.history, np.float64).reshape(-1, 2),
         "furthest_m": np.array((progress.furthest or ())[:1], np.float64),
         "furthest_rock": np.array((progress.furthest or ())[1:], np.int64),
+        "tiles": np.concatenate([np.empty(0, np.int64), *progress.tiles]),
+        "tiles_of_chunk": np.array([own.size for own in progress.tiles], np.int64),
         "reused": np.array(progress.reused, np.int64),
+        "recounted": np.array(sorted(progress.recounted), np.int64).reshape(-1, 2),
+        "new_lines": np.array(progress.new_lines, np.int64),
         "apart": np.array(progress.parts is not None),
     }
     for area, part in (progress.parts or {}).items():
@@ -209,7 +213,10 @@ def progress_from(
         seconds=float(state.get("seconds", 0.0)),
         worth=Worth(**worth) if worth else None,
         parts=parts if state["apart"] else None,
+        tiles=np.split(state["tiles"], np.cumsum(state["tiles_of_chunk"]))[:-1],
         reused=tuple(state["reused"].tolist()),
+        recounted=frozenset((area, chunk) for area, chunk in state["recounted"].tolist()),
+        new_lines=tuple(state["new_lines"].tolist()),
         sources=sources,
         lines=[FallLines(**_group(state, "lines"))],
         stops=[BlockRows(**_group(state, "stops"))],

@@ -8,6 +8,7 @@ of threads and any size of chunk.
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Callable, Sequence
 from contextlib import closing
 from dataclasses import dataclass, replace
@@ -32,6 +33,7 @@ from sassgis.simulation.accumulators import (
     joined_rows,
 )
 from sassgis.simulation.response import RunOutcome, ToleranceCheck, outcome_of, response
+from sassgis.simulation.reuse import tiles_of
 from sassgis.simulation.workers import Threads, Workers, held_back
 from sassgis.terrain.fall_lines import trace
 from sassgis.terrain.flatten import chainage_to_xy
@@ -173,7 +175,19 @@ def _work(common: _Common, chunk: Chunk) -> ChunkResult:
         area=area, points=own.points, weight=chunk.weight,
         sums={k: _to_add(result) for k, result, *_ in found}, rows=joined_rows(parts),
         lines=joined_lines(drawn), lost=lost,
+        tiles=_tiles_met(run, [result for _, result, *_ in found]),
     )  # fmt: skip
+
+
+def _tiles_met(run: MapRun, results: Sequence[Simulated]) -> IntArray:
+    """Return tiles that blocks come to, with barriers or without; none where only one is wanted."""
+    if run.compared is None:
+        return np.empty(0, np.int64)
+    places = [np.empty(0, np.int64)]
+    places += [own.cells[(own.kept["reach"] != 0) | (own.kept["stops"] != 0)] for own in results]
+    # Without barriers windows are known where there are some, which are wider.
+    places += [own.without.places for own in results if own.without is not None]
+    return tiles_of(run.grid, np.concatenate(places))
 
 
 def _to_add(result: Simulated) -> Simulated:
@@ -288,11 +302,7 @@ def simulate_map(
         Ctrl-C waits until it returns, so that the progress is whole at any time.
     """
     progress = resume if resume is not None else Progress.fresh(run)
-    chunks = [
-        chunk
-        for chunk in chunks_of(planned, run.rounds, chunk_points)
-        if planned.points.area[chunk.points[0]] not in progress.reused
-    ]
+    chunks = _wanted_chunks(chunks_of(planned, run.rounds, chunk_points), planned, progress)
     workers = Threads(jobs) if isinstance(jobs, int) else jobs
     common: _Common = (run, planned, bins_of(run), progress.worth)
     with closing(workers.in_order(_work, common, chunks[progress.chunks :])) as outcomes:
@@ -302,6 +312,18 @@ def simulate_map(
                 if on_chunk is not None:
                     on_chunk(progress, len(chunks), outcome.rows)
     return progress
+
+
+def _wanted_chunks(chunks: Sequence[Chunk], planned: Plan, progress: Progress) -> list[Chunk]:
+    """Return the chunks that are not taken, or not wholly, from an earlier result."""
+    number = Counter[int]()
+    wanted = []
+    for chunk in chunks:
+        area = int(planned.points.area[chunk.points[0]])
+        if area not in progress.reused or (area, number[area]) in progress.recounted:
+            wanted.append(chunk)
+        number[area] += 1
+    return wanted
 
 
 #: Blocks of the sample: a thirtieth of the run, so that three of it cost a tenth, within these.

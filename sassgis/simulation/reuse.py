@@ -2,12 +2,13 @@
 
 If no block of a release area came to a station or barrier that is gone, or to the place of a new
 one, with barriers or without, the area has the same blocks in both runs: its sums are reused. The
-blocks of the other areas are simulated again.
+blocks of the other areas are simulated again. Stations that are compared without barriers only, as
+the copies of a net along the slope, change no motion: of the areas that are reused only blocks that
+may come to new ones are simulated again, and only counted there.
 """
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import fields
 from pathlib import Path
@@ -38,13 +39,11 @@ _KEYS = {
     "ref_width_m": "hazard.ref_width_m", "forest": "effects.trees",
     "ground_heights": "terrain.block_scale_m",
 }  # fmt: skip
-#: Without windows a line within so many cells of reached ones is near: blocks pass between cell
-#: centres.
-_NEAR_CELLS = 2
-#: A path is straight in each cell: it is nearer than this to all of the cell (cells).
-_HALF_DIAGONAL = math.sqrt(0.5)
-#: Distance of points on a line, and from a point to the line's cells around it (cells); rounding.
-_APART, _BESIDE, _ROUNDING = 0.1, 0.06, 0.01
+#: Side of a tile, and how far from what it counts for a block that comes to a cell may be (cells):
+#: blocks pass between cell centres.
+_TILE, _NEAR_CELLS = 4, 2
+#: Distance of points on a line, and from a point to the line's cells around it (cells).
+_APART, _BESIDE = 0.1, 0.06
 
 
 def keep_areas(file: Path, progress: Progress, run: MapRun) -> None:
@@ -97,22 +96,39 @@ def begun_with(file: Path, run: MapRun) -> Progress:
     moved = np.array([digests.index(own) if own in digests else -1 for own in was], np.int64)
     # Without a further station, which no block meets, the others move the same.
     gone = np.flatnonzero(moved[: int(state["compared"])] < 0)
-    new = [t for (_, t), own in zip(run.all_lines, digests, strict=True) if own not in was]
+    new = [i for i, own in enumerate(digests) if own not in was]
+    met, passed = ([i for i in new if (i < (run.compared or 0)) == own] for own in (True, False))
     lines = _placeholders(int(state["compared"]), len(was))
     earlier = progress_from(state, run.grid.values.size, lines, int(state["compared"]))
+    near, tiles = _near(run, met), tiles_of(run.grid, _near(run, passed))
     progress = Progress.fresh(run)
     progress.parts = {
         area: part
         for area, part in (earlier.parts or {}).items()
-        if not (_came_to(part, gone) or _may_come_to(run, part, new))
+        if not (_came_to(part, gone) or _may_come_to(part, near))
     }
     for part in progress.parts.values():
         _with_lines(part, run, moved)
         progress.sources |= part.sources
         progress.simulated += part.simulated
     progress.rounds = earlier.rounds
-    progress.reused = tuple(progress.parts)
+    progress.reused, progress.new_lines = tuple(progress.parts), tuple(passed)
+    progress.recounted = frozenset(
+        (area, chunk)
+        for area, part in progress.parts.items()
+        for chunk, own in enumerate(part.tiles)
+        if np.isin(own, tiles).any()
+    )
     return progress
+
+
+def tiles_of(grid: Grid, cells: IntArray) -> IntArray:
+    """Return the tiles of the grid that hold some cells, ascending."""
+    n_rows, n_cols = grid.shape
+    seen = np.zeros((-(-n_rows // _TILE), -(-n_cols // _TILE)), np.bool_)
+    row, col = np.divmod(cells, n_cols)
+    seen[row // _TILE, col // _TILE] = True
+    return np.flatnonzero(seen)
 
 
 def _placeholders(compared: int, n: int) -> tuple[ControlLine, ...]:
@@ -127,26 +143,19 @@ def _came_to(part: Progress, lines: IntArray) -> bool:
     return any(own.arrivals(int(i)) > 0 for own in counts for i in lines)
 
 
-def _may_come_to(run: MapRun, part: Progress, traces: Sequence[FloatArray]) -> bool:
-    """Return whether a block of an area, with or without barriers, may come to one of the lines.
+def _near(run: MapRun, lines: Sequence[int]) -> IntArray:
+    """Return the cells that lines come to, and those in which a block counts that comes there."""
+    near = np.zeros(run.grid.shape, np.bool_)
+    for i in lines:
+        near.ravel()[_cells_of(run.grid, run.all_lines[i][1])] = True
+    return np.flatnonzero(ndimage.binary_dilation(near, iterations=_NEAR_CELLS))
 
-    What comes to a cell of a line meets all windows within their radius of that cell, less half its
-    diagonal.
-    """
-    grid = run.grid
-    reached = np.zeros(grid.shape, np.bool_)
-    for tally in part.sources.values():
-        reached.ravel()[tally.cells.counts().places] = True
-        reached.ravel()[tally.without_barriers().cells.counts().places] = True
-    within = -1.0 if run.window is None else run.window.radius - _HALF_DIAGONAL - _ROUNDING
-    if within < 0.0:
-        near = ndimage.binary_dilation(reached, iterations=_NEAR_CELLS)
-    else:
-        step = np.arange(-math.floor(within), math.floor(within) + 1)
-        disk = np.hypot(step[:, None], step) <= within
-        near = ndimage.binary_erosion(reached, disk, border_value=1)
-    cells = np.concatenate([np.empty(0, np.int64), *(_cells_of(grid, own) for own in traces)])
-    return bool(near.ravel()[cells].any())
+
+def _may_come_to(part: Progress, near: IntArray) -> bool:
+    """Return whether a block of an area, with or without barriers, may come to some cells."""
+    reached = [part.sums.cells]
+    reached += [t.without.cells.counts().places for t in part.sources.values() if t.without]
+    return any(np.isin(near, own).any() for own in reached)
 
 
 def _cells_of(grid: Grid, trace: FloatArray) -> IntArray:

@@ -207,6 +207,23 @@ def test_only_areas_near_a_changed_barrier_are_simulated_again(tmp_path: Path) -
     assert_same(third.progress, progress)
 
 
+def test_an_area_near_copies_of_a_moved_net_alone_is_counted_there(tmp_path: Path) -> None:
+    """Nothing comes to the net itself, but from the north to some of its copies along the slope."""
+    config = _zone_case(tmp_path, _net("north", 30.0, 60.0))
+    _simulated(config, tmp_path / "first", before := [])
+    config = _zone_case(tmp_path, _net("north", 31.0, 60.0))
+    settings, again = _simulated(config, tmp_path / "again", chunks := [], tmp_path / "first")
+    assert again.progress.reused == (0, 1) and 0 < len(chunks) < len(before)
+    counted = [own.without for own in again.progress.sources.values()]
+    assert any(own.control_lines.arrivals(i) for own in counted for i in again.progress.new_lines)
+    run = compared_run(settings, again.run, along_slope=True)
+    assert_same(again.progress, simulate_map(again.run, again.planned))
+    _assert_same_without(again.progress, run, again.planned)
+    _, third = _simulated(config, tmp_path / "third", chunks := [], tmp_path / "again")
+    assert not chunks
+    assert_same(third.progress, again.progress)
+
+
 def test_a_result_that_cannot_be_used_again_is_refused(tmp_path: Path) -> None:
     config = _zone_case(tmp_path, _net("north", 14.0, 22.0))
     zone(config, tmp_path / "first", jobs=1)
