@@ -184,7 +184,7 @@ def level_chances(
         ]
 
     with ThreadPoolExecutor(1) as pool:
-        # The other half of the time.
+        # As long as the chances of the places with blocks take.
         looked_for = pool.submit(_first_reached, few.places, blocks, weight[:, 0], limits, known)
         of_classes = [again(i) for i in range(blocks.shape[1])]
         places, first, weight_of_first = looked_for.result()

@@ -362,7 +362,7 @@ def block_pictures(
             lines = joined_lines(progress.lines)
             xy = np.column_stack([lines.x, lines.y])
             marks = replace(marks, lines=[xy[a:b] for a, b in pairwise(lines.offset)])
-        figure = map_drawn(run.grid, layer, marks)
+        figure: Callable[[], Figure] = map_drawn(run.grid, layer, marks)
         alt = map_alt(run.grid, layer)
         caption = layer.note
         if stem in ("energy", "passing_height"):

@@ -6,7 +6,6 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import CancelledError, Future
 from contextlib import contextmanager
 from contextvars import ContextVar
-from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from threading import Event
@@ -17,7 +16,13 @@ from matplotlib.figure import Figure
 
 from sassgis.errors import OutputError
 from sassgis.grid import Grid
-from sassgis.report.figures.map_figure import class_numbers, map_figure, shown_values
+from sassgis.report.figures.map_figure import (
+    class_numbers,
+    map_figure,
+    shown_part,
+    shown_points,
+    shown_values,
+)
 from sassgis.report.figures.map_marks import MapMarks
 from sassgis.report.figures.style import to_png
 from sassgis.report.page import ReportFigure, sensible
@@ -106,9 +111,10 @@ def map_pictures(
     )  # fmt: skip
 
 
-def map_drawn(grid: Grid, layer: RasterLayer, marks: MapMarks) -> Callable[[], Figure]:
+def map_drawn(grid: Grid, layer: RasterLayer, marks: MapMarks) -> partial[Figure]:
     """Return what draws the first band of a layer as a map."""
-    return partial(map_figure, grid, replace(layer, bands=layer.bands[:1]), marks)
+    view, (own,) = shown_part(grid, [layer], shown_points(marks))
+    return partial(map_figure, view.grid, own, marks)
 
 
 def map_alt(grid: Grid, layer: RasterLayer) -> str:

@@ -22,6 +22,8 @@ from sassgis.hazard.risk import RiskTable, total_rows
 from sassgis.hazard.zoning.applied_edits import shares_text
 from sassgis.hazard.zoning.coverage import Coverage
 from sassgis.report import figures
+from sassgis.report.figures.map_figure import shown_part
+from sassgis.report.figures.map_marks import all_points
 from sassgis.report.map_report import map_marks
 from sassgis.report.page import Cell, ReportFigure, ReportTable, heads, sensible, table_of
 from sassgis.report.pictures import classes_alt, map_alt, map_drawn, picture
@@ -117,13 +119,17 @@ def zone_figures(
         map_drawn(grid, level, zone_marks),
     )
     intensities = [m for m in maps if m.stem.startswith("intensity")]
+    released = all_points(marks.release)
+    view, shown = shown_part(grid, intensities, released)
     add(
         "intensity",
         "Intensity by return period",
         phrase("Highest intensity reached at least once in the return period. {}", width),
         joined(" ", (map_alt(grid, layer) for layer in intensities)),
-        partial(figures.intensity_figure, grid, intensities, marks),
+        partial(figures.intensity_figure, view.grid, shown, marks),
     )
+    view, (shown_level,) = shown_part(grid, [level], released)
+    uncertain = view.cut(not_certain.bands[0].values == 1)
     text = (
         "With another random seed, cells may change level. The hatched cells hold {} % of "
         "these changes. More blocks reduce their number. Other onset frequencies or ground "
@@ -134,7 +140,7 @@ def zone_figures(
         "Where the level is statistically uncertain",
         joined(" ", (phrase(text, f"{100 * confidence:.3g}"), width)),
         map_alt(grid, not_certain),
-        partial(figures.confidence_figure, grid, level, not_certain.bands[0].values == 1, marks),
+        partial(figures.confidence_figure, view.grid, shown_level, uncertain, marks),
     )
     if len(history) > 1:
         add(
@@ -156,13 +162,14 @@ def zone_figures(
             drawn = np.where(levels == 0, np.nan, levels).astype(np.float32)
             both.append(replace(level, bands=(replace(level.bands[0], values=drawn),)))
         names = ("Without barriers", "With barriers")
+        view, shown = shown_part(grid, both, released)
         text = "Hazard level of the cells without and with barriers, from the same blocks."
         add(
             "barriers",
             BARRIERS_TITLE,
             joined(" ", (phrase(text), width)),
             phrase("Without: {} With: {}", *(map_alt(grid, layer) for layer in both)),
-            partial(figures.change_figure, grid, both[0], both[1], marks, names=names),
+            partial(figures.change_figure, view.grid, shown[0], shown[1], marks, names=names),
         )
     curves, preset = hazard.curves, rules.preset
     x, y = grid.cell_centres(curves.places[place : place + 1])

@@ -233,6 +233,29 @@ def _value_label(value: float, _: object = None) -> str:
     return thousands(value) if abs(value) >= 1e4 else f"{value:.0e}".replace("-", "\u2212")
 
 
+def shown_points(marks: map_marks.MapMarks) -> FloatArray:
+    """Return points that a map of one layer shows in any case, shape (n, 2)."""
+    corners = [shapely.get_coordinates(shapely.box(*p.bounds)) for p, _ in marks.zones]
+    return map_marks.all_points([*marks.release, *corners])
+
+
+def shown_part(
+    grid: Grid, layers: Sequence[RasterLayer], points: FloatArray
+) -> tuple[relief.MapView, list[RasterLayer]]:
+    """Return what maps of some layers show, with some points: its view, and the layers cut to it.
+
+    They keep their first bands alone: another process then gets no more than it draws.
+    """
+    seen = np.full(grid.shape, np.nan)
+    for layer in layers:
+        band, classes = layer.bands[0], layer.classes
+        own = class_positions(band.values, classes) if classes else shown_values(band)
+        seen[np.isfinite(own)] = 1.0
+    view = relief.view_of(grid, relief.footprint(grid, seen, points))
+    cut = (replace(layer.bands[0], values=view.cut(layer.bands[0].values)) for layer in layers)
+    return view, [replace(layer, bands=(band,)) for layer, band in zip(layers, cut, strict=True)]
+
+
 def _layer_panel(layer: RasterLayer) -> tuple[MapPanel, FloatArray]:
     """Return a layer in its classes, those of its breaks, or as a ramp; and what it shows."""
     values = shown_values(layer.bands[0])
@@ -280,10 +303,7 @@ def map_figure(
     """Draw the first band of a layer over the relief; its note is for the caption."""
     marks = marks or map_marks.MapMarks()
     panel, values = _layer_panel(layer)
-    corners = [shapely.get_coordinates(shapely.box(*p.bounds)) for p, _ in marks.zones]
-    view = relief.view_of(
-        grid, relief.footprint(grid, values, map_marks.all_points([*marks.release, *corners]))
-    )
+    view = relief.view_of(grid, relief.footprint(grid, values, shown_points(marks)))
     kind = "highest class" if layer.classes else "largest value"
     notes = [
         marks.left_out(), "" if marks.zones else coarse_note(view, kind), marks.key(view.box),

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -12,11 +12,14 @@ from matplotlib.offsetbox import AnchoredOffsetbox, AuxTransformBox, HPacker, Te
 from matplotlib.patches import Rectangle
 from matplotlib.ticker import MultipleLocator
 from matplotlib.transforms import offset_copy
+from numpy.typing import NDArray
 
 from sassgis.grid import Bounds, FloatArray, Grid
 from sassgis.report.figures.style import INK, SMALL, round_step, thousands_formatter
 from sassgis.settings.languages import phrase
 from sassgis.settings.results import thousands
+
+T = TypeVar("T", bound=np.generic)
 
 #: Room of the coordinates below a map (points).
 _BELOW_PT = 19.0
@@ -78,7 +81,7 @@ class MapView:
         """Height by width of the map."""
         return (self.box[3] - self.box[1]) / self.width_m
 
-    def cut(self, values: FloatArray) -> FloatArray:
+    def cut(self, values: NDArray[T]) -> NDArray[T]:
         """Cut the part out of an array of the grid's shape."""
         return values[self.rows, self.cols]
 

@@ -12,6 +12,8 @@ from sassgis.report.figures import MapMarks, map_figure
 from sassgis.report.figures.map_figure import class_numbers
 from sassgis.report.figures.map_marks import MAX_LINES
 from sassgis.report.figures.relief import coarsen, footprint, hillshade, view_of
+from sassgis.report.figures.style import to_png
+from sassgis.report.pictures import map_drawn
 from sassgis.settings.results import Band, RasterLayer
 from sassgis.settings.styles import class_colours
 
@@ -35,6 +37,15 @@ def straight_lines(grid: Grid, n: int) -> list[FloatArray]:
 
 def shown(figure):
     return np.ma.filled(find(figure, "layer")[0].get_array().astype(float), np.nan)
+
+
+def test_of_a_large_terrain_only_what_a_map_shows_is_handed_on(valley: Grid) -> None:
+    whole, marks = layer_of(valley), MapMarks(straight_lines(valley, 2))
+    make = map_drawn(valley, whole, marks)
+    cut, (band,) = make.args[0], make.args[1].bands
+    assert cut.shape == band.values.shape and cut.values.size < 0.5 * valley.values.size
+    assert np.isfinite(band.values).sum() == np.isfinite(whole.bands[0].values).sum()
+    assert to_png(make()) == to_png(map_figure(valley, whole, marks))
 
 
 def test_a_limit_belongs_to_the_class_above() -> None:
