@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from concurrent.futures import CancelledError, Future
+from concurrent.futures import CancelledError, Future, wait
 from contextlib import contextmanager
 from contextvars import ContextVar
 from functools import partial
@@ -79,14 +79,13 @@ def picture(
 
 def _awaited(drawn: Future[bytes], draw: Callable[[], bytes]) -> bytes:
     """Wait for a figure; it is drawn here where no other process could be started."""
-    while True:
-        try:
-            return drawn.result(timeout=0.1)
-        except TimeoutError:
-            if (given_up := GIVEN_UP.get()) is not None and given_up.is_set():
-                raise CancelledError from None
-        except OutputError:
-            return draw()
+    while not wait([drawn], 0.1).done:
+        if (given_up := GIVEN_UP.get()) is not None and given_up.is_set():
+            raise CancelledError
+    try:
+        return drawn.result()
+    except OutputError:
+        return draw()
 
 
 def _drawn(file: Path, make: Callable[[], Figure], language: Language) -> bytes:

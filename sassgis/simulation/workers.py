@@ -293,9 +293,9 @@ class Processes:
         do = partial(self._do, work, self._sent[1])
         yield from _in_order(self._threads, do, tasks, self._ahead)
 
-    def submit(self, work: Callable[..., R], *arguments: Any) -> Future[R]:
+    def submit(self, work: Callable[[], R]) -> Future[R]:
         """Give a process a call that has nothing in common with others."""
-        return self._threads.submit(self._do, _called, _NOTHING, (work, arguments))
+        return self._threads.submit(self._do, _called, _NOTHING, work)
 
     def _do(self, work: Work, common: bytes, task: Any) -> Any:
         """Return the result of one task, in a thread of its process."""
@@ -336,9 +336,8 @@ class Processes:
 _NOTHING = pickle.dumps(None)
 
 
-def _called(_common: None, call: tuple[Callable[..., R], tuple[Any, ...]]) -> R:
-    work, arguments = call
-    return work(*arguments)
+def _called(_common: None, work: Callable[[], R]) -> R:
+    return work()
 
 
 @contextmanager
