@@ -32,6 +32,7 @@ from sassgis.gap.constants import (
     LEAST_DRAG_IN_TIME,
     MISSTATED_SHARE,
     MOST_DRAG,
+    PRINTED_Z,
 )
 from sassgis.gap.observations.case import Case
 from sassgis.gap.residuals.residual_table import ResidualTable, StepTable
@@ -57,23 +58,34 @@ def _pull(case: Case, rows: StepTable) -> FloatArray:
 
 def _against_the_motion(case: Case, residuals: ResidualTable) -> Scores:
     """Score level speed lost on flights in time: no scale or time base of a film makes it."""
-    rows, across = (residuals.steps.of("air", f"{name}_mps2") for name in ("ahead", "across"))
+    rows, lighter, across = (
+        residuals.steps.of("air", f"{name}_mps2") for name in ("ahead", "lighter", "across")
+    )
     if np.unique(rows.rock).size < 2 * FINGERPRINT_ROCKS:
         raise Unseen
+    drag, error = _drag_of(case, rows)
+    # Gravity is no better known than the film shows it.
+    error = math.hypot(error, _drag_of(case, lighter)[0] - drag)
+    aside, beside = _drag_of(case, across)
+    if PRINTED_Z * error > MOST_DRAG - LEAST_DRAG_IN_TIME:
+        # Nothing that air may do is seen of rocks so large or slow.
+        raise Unseen
+    if drag > MOST_DRAG + 2.0 * error or abs(aside) > DRAG_ASIDE * max(drag, 0.0) + 3.0 * beside:
+        # Wind, or lift of a rock that turns.
+        raise Unseen
+    return Scores(np.array([(drag - LEAST_DRAG_IN_TIME) / error]), drag)
+
+
+def _drag_of(case: Case, rows: StepTable) -> tuple[float, float]:
+    """Return the drag coefficient that makes accelerations of flights, and its standard error."""
     pull = _pull(case, rows) * rows.speed2
     weight = pull / rows.sd**2
     scale = float((weight * pull).sum())
     drag = -float((weight * rows.observed).sum()) / scale
-    aside = float((weight * across.observed).sum()) / scale
     # Rocks of one group share what is not drag; errors of measurement may be smaller than stated.
-    group = case.group[rows.rock]
-    away = np.bincount(group, weight * (-rows.observed - drag * pull))
+    away = np.bincount(case.group[rows.rock], weight * (-rows.observed - drag * pull))
     least = (1.0 - MISSTATED_SHARE) ** 2 * scale
-    error = math.sqrt(max(float((away**2).sum()), least)) / scale
-    if drag > MOST_DRAG + 2.0 * error or abs(aside) > DRAG_ASIDE * max(drag, 0.0) + 3.0 * error:
-        # Wind, or lift of a rock that turns.
-        raise Unseen
-    return Scores(np.array([(drag - LEAST_DRAG_IN_TIME) / error]), drag)
+    return drag, math.sqrt(max(float((away**2).sum()), least)) / scale
 
 
 def _on_every_flight(case: Case, residuals: ResidualTable) -> Scores:

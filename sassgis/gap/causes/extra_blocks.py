@@ -13,6 +13,7 @@ import math
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy import stats
 
 from sassgis.engine.effects.entrainment import Entrainment
 from sassgis.engine.effects.fragmentation import Fragmentation
@@ -195,13 +196,25 @@ def _broken(case: Case, draws: ParameterDraws) -> CausePart:
 
 
 def _named_pieces(case: Case, residuals: ResidualTable) -> Scores:
-    """Return rocks of which blocks lie that bear their name as fragments (R7.2 of R7)."""
+    """Return rocks of which blocks lie that bear their name as fragments (R7.2 of R7).
+
+    Those with a block or more, or with several, which is surer of few rocks: each of these blocks
+    would have to be misnamed.
+    """
     seen = case.observations
     if not len(seen.deposits):
         raise Unseen
-    broken = np.zeros(case.n_rocks)
-    broken[seen.rock_of("deposits")[seen.is_piece("deposits")]] = 1.0
-    return Scores(broken, float(broken.mean()), np.full(case.n_rocks, MISNAMED_CHANCE))
+    owner = seen.rock_of("deposits")[seen.is_piece("deposits")]
+    pieces = np.bincount(owner[owner >= 0], minlength=case.n_rocks)
+
+    def by_chance(least: int) -> float:
+        hits = int((pieces >= least).sum())
+        return float(stats.binom.sf(hits - 1, case.n_rocks, MISNAMED_CHANCE**least))
+
+    least = min((1, 2), key=by_chance)
+    broken = (pieces >= least).astype(np.float64)
+    chance = np.full(case.n_rocks, MISNAMED_CHANCE**least)
+    return Scores(broken, float((pieces > 0).mean()), chance)
 
 
 FRAGMENTATION = Cause(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import asdict, replace
 from itertools import pairwise
 
@@ -46,7 +47,7 @@ from sassgis.gap.diagnosis import Fingerprint
 from sassgis.gap.forward.released_rocks import HypothesisModel, MeasurementError
 from sassgis.gap.observations.case import Case, errors_of
 from sassgis.gap.residuals.residual_table import ResidualTable, StepTable
-from sassgis.gap.residuals.rock_residuals import mean_of_draws, per_rock
+from sassgis.gap.residuals.rock_residuals import mean_of_draws, per_rock, sureness
 from sassgis.gap.residuals.stop_residuals import side_error
 from sassgis.grid import FloatArray
 
@@ -139,6 +140,14 @@ def _all_alike(case: Case, residuals: ResidualTable) -> Scores:
     return _scaled(ratio, corrected)
 
 
+def _confirmed(case: Case, residuals: ResidualTable) -> bool:
+    """Return whether paths in time show that stated speeds have no scale beyond a usual one."""
+    with suppress(Unseen):
+        alike = _all_alike(case, residuals).values
+        return sureness(per_rock(alike, case.group, case.n_rocks)) < -PRINTED_Z
+    return False
+
+
 def _passing(case: Case, residuals: ResidualTable) -> Scores:
     """Return speeds at stations over distances in time there, the mean of each rock."""
     seen, track = case.observations, case.observations.trajectories
@@ -177,8 +186,11 @@ def _against_falls(case: Case, residuals: ResidualTable) -> Scores:
 
     Air, stems and contacts that were missed take energy, of single flights: too low a scale shows
     in the flight of each rock that gains most, less what the errors of so many flights make of it,
-    if most flights are longer than such speeds allow by the same scale.
+    if most flights are longer than such speeds allow by the same scale. Where the paths in time
+    confirm the speeds of the same films, it is air or ground that takes the energy.
     """
+    if _confirmed(case, residuals):
+        raise Unseen
     rows = residuals.steps.of("flight", _ENERGY)
     fell = np.bincount(rows.rock, rows.fell_jpkg, case.n_rocks)
     flew = np.bincount(rows.rock, minlength=case.n_rocks) > 0

@@ -30,6 +30,8 @@ from sassgis.gap.constants import (
     LEVEL_SPEED_MPS,
     LOSS_SIDE_POINTS,
     LOSS_SIDE_S,
+    MEDIAN_OF_NORMAL,
+    MISSTATED_SHARE,
     PATH_POINTS,
     PATH_SPEED_MPS,
     ROLLED_RUNS,
@@ -153,31 +155,74 @@ def _lines(
     return slope, left, square
 
 
-def air_of_flights(
-    case: Case, axes_m: FloatArray
-) -> tuple[IntArray, FloatArray, FloatArray, FloatArray, FloatArray]:
-    """Compute what bends flights of paths in time in plan, where gravity does not, shape (n,) each.
+def _columns(rows: Sequence[tuple[int, float, float, float, float]]) -> tuple[IntArray, FloatArray]:
+    """Return rocks, and the four numbers of each row, shape (4, n)."""
+    values = np.array(rows, np.float64).reshape(-1, 5)
+    return values[:, 0].astype(np.int64), values[:, 1:].T
 
-    Rock, acceleration along the level velocity and to the right of it (m/s²), the standard
-    deviation of both by the stated error of positions, and speed times level speed (m²/s²), to
-    which air brakes in proportion.
+
+class AirOfFlights(NamedTuple):
+    """What air does on flights of paths in time, arrays of shape (n,)."""
+
+    rock: IntArray
+    #: Change of the level speed (m/s²); the same if gravity were less by its standard error.
+    ahead: FloatArray
+    lighter: FloatArray
+    ahead_sd: FloatArray  # by the stated errors
+    #: Acceleration to the right of the level velocity (m/s²), and its standard deviation.
+    across: FloatArray
+    across_sd: FloatArray
+    speed2: FloatArray  # speed times level speed (m²/s²), to which air brakes in proportion
+
+
+def air_of_flights(case: Case, axes_m: FloatArray) -> AirOfFlights:
+    """Compute what changes the level velocity on flights of paths in time, where gravity does not.
+
+    A stated speed has the direction that its path has there. Gravity is that of the film: a wrong
+    time base changes it, and would seem to brake. It is the median of the flights, of which some
+    touched the ground unseen. Where no speeds are stated the path tells the change as well.
     """
-    error = errors_of(case).position_m
-    found = [
-        (path.rock, bend.ahead, bend.across, 2.0 * error / math.sqrt(bend.weight), bend.speed2)
+    errors = errors_of(case)
+    flown = [
+        (path, own, bend)
         for path, bounds, impacted in bounded_paths(case, rolling_radius(axes_m))
         for own in flights_of(case, path, bounds, impacted)
         for bend in (_bend(path, own),)
         if bend.level > LEVEL_SPEED_MPS
     ]
-    rock, (ahead, across, sd, speed2) = _columns(found)
-    return rock, ahead, across, sd, speed2
+    bends = np.array([bend for _, _, bend in flown]).reshape(-1, len(_Bend._fields)).T
+    by_place, across, up, level, rise, weight = bends
+    across_sd = 2.0 * errors.position_m / np.sqrt(weight)
+    gravity, slack = _fall_of_films(up, across_sd)
+    found = np.full((3, len(flown)), np.nan)
+    for k, (path, own, bend) in enumerate(flown):
+        found[:2, k] = [_level_change(path, own, bend, g) for g in (gravity, gravity - slack)]
+        t = path.t[own]
+        found[2, k] = errors.speed_rel * bend.level / math.sqrt(t.size * float(t.var()))
+    ahead, lighter, ahead_sd = np.where(np.isfinite(found[0]), found, [by_place] * 2 + [across_sd])
+    rock = np.array([path.rock for path, _, _ in flown], np.int64)
+    speed2 = level * np.hypot(level, rise)
+    return AirOfFlights(rock, ahead, lighter, ahead_sd, across, across_sd, speed2)
 
 
-def _columns(rows: Sequence[tuple[int, float, float, float, float]]) -> tuple[IntArray, FloatArray]:
-    """Return rocks, and the four numbers of each row, shape (4, n)."""
-    values = np.array(rows, np.float64).reshape(-1, 5)
-    return values[:, 0].astype(np.int64), values[:, 1:].T
+def _fall_of_films(up: FloatArray, sd: FloatArray) -> tuple[float, float]:
+    """Return the median acceleration downwards of flights (m/s²), and its standard error."""
+    if not up.size:
+        return math.nan, math.nan
+    order = np.argsort(up)
+    below = np.cumsum(1.0 / sd[order])
+    middle = float(up[order][np.searchsorted(below, 0.5 * below[-1])])
+    scatter = float(np.median(np.abs(up - middle) / sd)) / MEDIAN_OF_NORMAL
+    # Of a median: π/2 times the variance of the mean. Stated errors may be too large.
+    error = math.sqrt(0.5 * math.pi / float((sd**-2).sum()))
+    return -middle, max(scatter, 1.0 - MISSTATED_SHARE) * error
+
+
+def _level_change(path: TimedPath, own: slice, bend: _Bend, gravity: float) -> float:
+    """Return the change of the level part of stated speeds on a flight (m/s²)."""
+    t = path.t[own] - path.t[own].mean()
+    level = path.speed[own] * bend.level / np.hypot(bend.level, bend.rise - gravity * t)
+    return float(t @ level) / float(t @ t)
 
 
 class _Bend(NamedTuple):
@@ -186,8 +231,9 @@ class _Bend(NamedTuple):
     ahead: float
     across: float
     up: float
-    level: float  # level speed (m/s)
-    speed2: float  # speed times level speed (m²/s²)
+    # Level and upward velocity in the middle (m/s).
+    level: float
+    rise: float
     weight: float  # inverse of the variance of half an acceleration, for places of variance one
 
 
@@ -201,10 +247,9 @@ def _bend(path: TimedPath, own: slice) -> _Bend:
     # Fit of (1, t, t²): the variance of the last goes with the inverse of this.
     square = t * t - (t * t).mean()
     linear = t * float(square @ t) / float(t @ t)
-    level = math.hypot(velocity[0], velocity[1])
     return _Bend(
         2.0 * float(bend[0] * ux + bend[1] * uy), 2.0 * float(bend[0] * uy - bend[1] * ux),
-        2.0 * float(bend[2]), level, level * math.hypot(level, float(velocity[2])),
+        2.0 * float(bend[2]), math.hypot(velocity[0], velocity[1]), float(velocity[2]),
         float(((square - linear) ** 2).sum()),
     )  # fmt: skip
 

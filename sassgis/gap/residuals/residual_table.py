@@ -197,13 +197,17 @@ def _paths(case: Case, axes_m: FloatArray) -> list[_Part]:
         "rock": rock, "step": "aloft", "quantity": "speed_mps",
         "observed": after, "predicted": before, "sd": sd, "way_m": s,
     }  # fmt: skip
-    rock, ahead, across, sd, speed2 = air_of_flights(case, axes_m)
+    air = air_of_flights(case, axes_m)
     flights: list[_Part] = [
         {
-            "rock": rock, "step": "air", "quantity": name, "observed": pull,
-            "predicted": 0.0, "sd": sd, "speed2": speed2,
+            "rock": air.rock, "step": "air", "quantity": f"{name}_mps2", "observed": pull,
+            "predicted": 0.0, "sd": sd, "speed2": air.speed2,
         }
-        for name, pull in (("ahead_mps2", ahead), ("across_mps2", across))
+        for name, pull, sd in (
+            ("ahead", air.ahead, air.ahead_sd),
+            ("lighter", air.lighter, air.ahead_sd),
+            ("across", air.across, air.across_sd),
+        )
     ]  # fmt: skip
     return [struck, *flights]
 

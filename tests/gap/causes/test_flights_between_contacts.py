@@ -6,6 +6,7 @@ from dataclasses import fields, replace
 
 import numpy as np
 import pytest
+from helpers.simulated_slope import with_observed
 from numpy.typing import NDArray
 
 from sassgis.gap.fit.site_data import SiteData
@@ -48,13 +49,18 @@ def flights(rise_m: NDArray[np.float64], kept: NDArray[np.float64], scale: float
     )
 
 
-def z_of(problem: SiteData, base: ResidualTable, seen: StepTable) -> dict[str, float]:
+def z_of(
+    problem: SiteData, base: ResidualTable, seen: StepTable, filmed: bool = False
+) -> dict[str, float]:
+    case = problem.case
+    if not filmed:
+        case = with_observed(case, trajectories=case.observations.trajectories.take([]))
     # Flights of the model itself would set what a null site shows; here there are none.
     other = base.steps.where(~np.isin(base.steps.step, ("flight", MODEL_FLIGHT)))
     joined = StepTable(
         *(np.concatenate([getattr(t, f.name) for t in (other, seen)]) for f in fields(StepTable))
     )
-    found = fingerprints(problem.case, replace(base, steps=joined))
+    found = fingerprints(case, replace(base, steps=joined))
     return {one.statistic: one.z for one in found if one.observable}
 
 
@@ -91,3 +97,5 @@ def test_a_scale_of_speeds_gains_more_or_less_than_the_fall_on_all_flights(
     if scale > 1.0 and lost == 0.0:
         per = np.array([(seen.observed - seen.predicted).sum() / seen.fell_jpkg.sum()])
         assert np.sqrt(1.0 + per[0]) == pytest.approx(scale, abs=0.01)
+    # Where paths in time confirm the speeds it is none.
+    assert SCALE not in z_of(problem, base, seen, filmed=True)
