@@ -258,13 +258,14 @@ def page() -> str:
 #: What a cause leaves in the observations, in words of the field.
 _TRACES = {
     "measurement_error": "speeds differ from positions over times of a path; impacts gain more "
-    "energy than the fall gives; a value is off at one station only; a stop lies off the fall "
-    "line of a rock that was on it at a station at most 30 m above",
+    "energy than the fall gives, and no path in time confirms their speeds; a value is off at one "
+    "station only; a stop lies off the fall line of a rock that was on it at a station at most "
+    "30 m above",
     "release_error": "path or first contacts begin more than 1.5 m and the errors from the stated "
     "start, or more than 3 m above it; the lateral offset at the first station stays constant "
     "below; speed is wrong on the first reach only",
     "air_drag": "speed lost in flight, in proportion to the square of the speed over the size, "
-    "with C_d from 0.2 (or 0.5, by the errors) to 2",
+    "with C_d from 0.2 (or 0.5, by the errors) to 2, of rocks so small and fast that it shows",
     "trees": "sudden loss of speed at least 0.8 m above the resting position, or of energy between "
     "two impacts (more than 15 % and 3.5 standard deviations), on few flights; loss on one reach "
     "only",

@@ -373,6 +373,7 @@ NAMED_POWER = 0.8
 #: Up to what z and the sureness of a gain count, and their unit. Below zero they count nothing:
 #: many statistics are below their null where their cause is weak.
 MOST_Z, Z_UNIT = 8.0, 4.0
+SHARE_UNIT = 0.5  # of the share of the gap that a cause closes
 #: Calibrations that are looked at where the best leaves something large, and how many at once.
 PLAUSIBLE_FITS, PLAUSIBLE_AT_ONCE = 16, 4
 LADDER_SAMPLES = 999  # bootstrap samples of groups of rocks

@@ -55,6 +55,7 @@ from sassgis.gap.verdict.verdict import (
     fingerprints,
     group_probability,
     is_certain,
+    most_probable,
     place_of,
     second_of,
     seen_of,
@@ -300,7 +301,7 @@ def verdict_of(
     """Give the answer, and how far the gap shrinks; ``sound``: the base leaves nothing large."""
     evidence, law = added.evidence, added.needs_law
     enough = ground_is_enough(added.rungs) or evidence.sound
-    first = _most_probable(shares, evidence.gains)
+    first = most_probable(evidence.prints, evidence.gains, shares, frozen)
     if first != NONE and shares[first] < min(frozen.calibrated, shares[NONE]):
         first = NONE
     shrinkage = added.shrinkage(first) if first != NONE else _nothing_added(added)
@@ -341,13 +342,6 @@ def verdict_of(
         cannot_exclude=tuple(n for n in families if n not in seen),
     )  # fmt: skip
     return verdict, shrinkage
-
-
-def _most_probable(shares: Mapping[str, float], gains: Mapping[str, CauseGain]) -> str:
-    """Return the most probable cause, with the most certain gain if equal; else "none"."""
-    causes = [name for name in shares if name not in (NONE, UNKNOWN)]
-    alike = [name for name in causes if shares[name] >= shares[causes[0]]]
-    return max(alike, key=lambda n: gains[n].sureness if n in gains else 0.0, default=NONE)
 
 
 def _nothing_added(added: AddedCauses) -> Shrinkage:

@@ -34,6 +34,7 @@ from sassgis.gap.constants import (
     MOST_Z,
     NAMED_POWER,
     PRINTED_Z,
+    SHARE_UNIT,
     SHOWING_GAIN,
     Z_UNIT,
 )
@@ -395,12 +396,21 @@ def decide(
     """
     tried = [name for name in shares if name not in (NONE, UNKNOWN)]
     best = strongest(prints)
-    first = max(tried, key=lambda n: shares[n], default="")
+    contact = group_of(CONTACT_LAW)
+    first = most_probable(prints, gains, shares, thresholds)
     refused = phrase("")
-    likely = probability_beside_certain(first, prints, shares, thresholds) if first else 0.0
-    if first and likely >= thresholds.named and is_clear(prints, gains, first):
-        # Such a cause is one also where the rocks come as far without it.
-        if closes is None or closes > 0.0 or is_certain(prints, first, thresholds):
+    likely = 0.0
+    if first != NONE:
+        likely = probability_beside_certain(first, prints, shares, thresholds)
+    if likely >= thresholds.named and is_clear(prints, gains, first):
+        # Such a cause is one also where the rocks come as far without it. Of one at the contact
+        # nothing may be left to close: the contact of the base is free.
+        if (
+            closes is None
+            or closes > 0.0
+            or is_certain(prints, first, thresholds)
+            or group_of(first) == contact
+        ):
             sure = f"{min(likely, 0.99):.0%}"
             reason = phrase("probability {} from its fingerprints", sure)
             if closes is not None and closes > 0.0:
@@ -439,7 +449,6 @@ def decide(
             )
         return NONE, "", joined("", (refused, reason))
     # A cause at the contact that is as probable as none is not separable from another law of it.
-    contact = group_of(CONTACT_LAW)
     others = [name for name in tried if group_of(name) != contact or shares[name] > shares[NONE]]
     if law and shares[NONE] > max((shares[name] for name in others), default=0.0):
         reason = phrase(
@@ -451,19 +460,47 @@ def decide(
     return UNKNOWN, "", joined("", (refused, reason))
 
 
+def most_probable(
+    prints: Sequence[Fingerprint],
+    gains: Mapping[str, CauseGain],
+    shares: Mapping[str, float],
+    thresholds: Thresholds,
+) -> str:
+    """Return the most probable cause, first of those that are certain by themselves.
+
+    With the most certain gain if equal; "none" where none was tried.
+    """
+
+    def order(name: str) -> tuple[bool, float, float]:
+        gain = gains[name].sureness if name in gains else 0.0
+        likely = probability_beside_certain(name, prints, shares, thresholds)
+        sure = is_certain(prints, name, thresholds) and likely >= thresholds.named
+        return sure, shares[name], gain
+
+    tried = [name for name in shares if name not in (NONE, UNKNOWN)]
+    return max(tried, key=order, default=NONE)
+
+
 def probability_beside_certain(
     cause: str, prints: Sequence[Fingerprint], shares: Mapping[str, float], thresholds: Thresholds
 ) -> float:
-    """Return the probability of a cause among those that no other fingerprint shows for certain.
+    """Return the probability of a cause among those that could be in its place.
 
-    Shares are of one cause at a time; another one that is certain by itself acts beside it.
+    Shares are of one cause at a time. Another one that is certain by itself acts beside it; and
+    beside one that is, whatever has no fingerprint that no contact leaves.
     """
-    certain = sum(
-        shares[name]
+    certain = is_certain(prints, cause, thresholds)
+    beside = [
+        name
         for name in CAUSES
-        if name != cause and name in shares and is_certain(prints, name, thresholds)
-    )
-    return shares[cause] / max(1.0 - certain, shares[cause])
+        if name != cause
+        and (
+            is_certain(prints, name, thresholds)
+            or (certain and not _has(prints, name, _CLEAR, PRINTED_Z))
+        )
+    ]
+    together = sum(shares.get(name, 0.0) for name in beside)
+    return shares[cause] / max(1.0 - together, shares[cause])
 
 
 def group_probability(group: str, shares: Mapping[str, float]) -> float:
@@ -553,17 +590,23 @@ class CauseWeights:
 def evidence_of(
     cause: str, prints: Sequence[Fingerprint], gains: Mapping[str, CauseGain]
 ) -> FloatArray:
-    """Return FEATURES of a cause, shape (4,); 0 for unobserved ones."""
+    """Return FEATURES of a cause, shape (4,); 0 for unobserved ones.
+
+    Several fingerprints that no contact leaves and that are seen by themselves count together. A
+    share of the gap counts by its square: many causes close a fifth of any gap, few close most.
+    """
     clear = {own.name for own in CAUSES[cause].statistics if own.clear}
     own = {f.statistic: f.z for f in prints if f.effect == cause and f.observable}
     best = [
-        max((_count(z) for name, z in own.items() if (name in clear) is kind), default=0.0)
+        max((z for name, z in own.items() if (name in clear) is kind), default=0.0)
         for kind in (True, False)
     ]
+    seen = [min(z, MOST_Z) for name, z in own.items() if name in clear and z >= PRINTED_Z]
+    best[0] = max(best[0], math.hypot(*seen))
     gain = gains.get(cause)
     if gain is None or not CAUSES[cause].closes:
-        return np.array([*best, 0.0, 0.0])
-    return np.array([*best, _count(gain.sureness), gain.share])
+        return np.array([_count(best[0]), _count(best[1]), 0.0, 0.0])
+    return np.array([*map(_count, (*best, gain.sureness)), (gain.share / SHARE_UNIT) ** 2])
 
 
 def _count(z: float) -> float:

@@ -227,6 +227,37 @@ def test_a_cause_that_is_certain_by_itself_takes_nothing_from_another() -> None:
         assert (sure >= FROZEN.named) == (named == "lateral_deflection")
 
 
+def test_what_masses_show_is_not_contested_by_what_a_contact_leaves() -> None:
+    two = shares(fragmentation=0.45, trees=0.5)
+    lie = printed("fragmentation", 9.0, statistic=CAUSES["fragmentation"].statistics[-1].name)
+    for clear, named in ((False, "fragmentation"), (True, "unknown")):
+        lost = printed("trees", 5.0, statistic=statistic_of("trees", clear))
+        assert answer([lie, lost], two, [gap(1.0)], -0.1)[0] == named
+
+
+def test_a_cause_at_the_contact_need_not_close_what_a_free_contact_closes() -> None:
+    for effect, named in (("soft_ground", "soft_ground"), ("air_drag", "unknown")):
+        seen = printed(effect, 5.0, statistic=statistic_of(effect, True))
+        assert answer([seen], shares(**{effect: 0.9}), [gap(1.0)], -0.1)[0] == named
+
+
+def test_fingerprints_that_no_contact_leaves_count_together() -> None:
+    weights = cause_weights_of(read_thresholds())
+    names = [one.name for one in CAUSES["fragmentation"].statistics]
+
+    def odds(*z: float) -> float:
+        seen = [
+            printed("fragmentation", own, statistic=name)
+            for own, name in zip(z, names, strict=True)
+        ]
+        found = weights.shares(seen, {}, FAMILIES)
+        return found["fragmentation"] / found[NONE]
+
+    assert odds(4.0, 3.0) == pytest.approx(odds(5.0, 0.0))
+    # One that is not seen by itself adds nothing.
+    assert odds(4.0, 2.9) == odds(4.0, 0.0)
+
+
 def gained(effect: str, sureness: float, power: float = 1.0) -> CauseGain:
     return CauseGain(effect, 0.5, sureness, power, 1.2)
 
