@@ -183,6 +183,7 @@ STRAIGHT_GROWTH = 0.02
 # --- causes: air drag ------------------------------------------------------------------------
 
 AIR_KGM3 = 1.2  # density of air
+AIR_FLIGHT_S = 0.99  # shorter flights in time may have met the ground without a trace
 MOST_DRAG = 2.0  # drag coefficient beyond which it is not air that brakes a rock
 #: Errors of the comparison itself, as a drag coefficient: between contacts, and on flights in time.
 LEAST_DRAG, LEAST_DRAG_IN_TIME = 0.5, 0.2

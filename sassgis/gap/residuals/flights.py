@@ -19,6 +19,7 @@ from sassgis.engine.effects.registry import EFFECTS
 from sassgis.engine.effects.trees import Trees
 from sassgis.engine.simulate import simulate
 from sassgis.gap.constants import (
+    AIR_FLIGHT_S,
     ALOFT_M,
     CERTAIN_ERROR,
     CLEAR_M,
@@ -180,7 +181,7 @@ def air_of_flights(case: Case, axes_m: FloatArray) -> AirOfFlights:
 
     A stated speed has the direction that its path has there. Gravity is that of the film: a wrong
     time base changes it, and would seem to brake. It is the median of the flights, of which some
-    touched the ground unseen. Where no speeds are stated the path tells the change as well.
+    touched the ground unseen; short ones do so most. Without stated speeds the path tells it.
     """
     errors = errors_of(case)
     flown = [
@@ -188,7 +189,7 @@ def air_of_flights(case: Case, axes_m: FloatArray) -> AirOfFlights:
         for path, bounds, impacted in bounded_paths(case, rolling_radius(axes_m))
         for own in flights_of(case, path, bounds, impacted)
         for bend in (_bend(path, own),)
-        if bend.level > LEVEL_SPEED_MPS
+        if bend.level > LEVEL_SPEED_MPS and np.ptp(path.t[own]) > AIR_FLIGHT_S
     ]
     bends = np.array([bend for _, _, bend in flown]).reshape(-1, len(_Bend._fields)).T
     by_place, across, up, level, rise, weight = bends

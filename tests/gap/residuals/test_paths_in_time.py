@@ -86,15 +86,23 @@ def drag_of(values: np.ndarray, sd: np.ndarray) -> tuple[float, float]:
 
 
 def test_flights_without_air_keep_their_level_velocity(case: Case) -> None:
-    air = air_of_flights(case, axes_of(case))
-    assert air.rock.size > 20 and (air.speed2 > 0.0).all()
+    axes = axes_of(case)
+    air = air_of_flights(case, axes)
+    # Shorter ones may have met the ground without a trace.
+    lasting = [
+        one.rock
+        for one, bounds, noted in flights.bounded_paths(case, flights.rolling_radius(axes))
+        for own in flights.flights_of(case, one, bounds, noted)
+        if np.ptp(one.t[own]) > 0.99
+    ]
+    assert air.rock.tolist() == lasting and len(lasting) > 10 and (air.speed2 > 0.0).all()
     # The rows state the errors of measurement that were put on the paths, or more.
     for pull, sd in ((air.ahead, air.ahead_sd), (air.across, air.across_sd)):
         assert np.sqrt(np.mean((pull / sd) ** 2)) < 1.3
         mean, error = drag_of(pull, sd)
         assert abs(mean) < 4.0 * error
-    # Speeds say more than places do.
-    assert np.median(air.ahead_sd) < 0.5 * np.median(air.across_sd)
+    # Speeds say more than places do, of flights of a second or so.
+    assert np.median(air.ahead_sd) < 0.7 * np.median(air.across_sd)
 
 
 def slowed(case: Case, pull: float, *, stated: bool) -> Case:
