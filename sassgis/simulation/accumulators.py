@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from sassgis.compiled import rng
 from sassgis.compiled.jit import kernel
 from sassgis.engine.simulate import Simulated
-from sassgis.grid import FloatArray, IntArray
+from sassgis.grid import FloatArray, Grid, IntArray
 from sassgis.settings.hazard_rules import SourceCounts
 from sassgis.settings.map_run import BlockRows, FallLines, MapRun, Round, Worth
 from sassgis.settings.results import (
@@ -29,6 +29,8 @@ from sassgis.simulation.map_sums import MapSums, Sample, weighted_counts, weight
 #: Type of counts as long as none can be too large for it.
 _FEW = np.int32
 _Counts = NDArray[np.signedinteger[Any]]
+#: Side of a tile (cells).
+_TILE = 4
 
 
 class SourceSums:
@@ -154,7 +156,6 @@ class ChunkResult:
     rows: BlockRows
     lines: FallLines  # of the first repetition; else none
     lost: int  # blocks of lines that are too short to be simulated on
-    tiles: IntArray  # as in Progress
 
 
 def as_stations(lines: Sequence[ControlLine]) -> tuple[ControlLine, ...]:
@@ -350,9 +351,29 @@ def add_chunk(progress: Progress, outcome: ChunkResult, run: MapRun) -> None:
         progress.simulated -= own.simulated
     _add_sums(own, outcome, run)
     if progress.parts is not None:
-        own.tiles.append(outcome.tiles)
+        own.tiles.append(_tiles_met(outcome, run.grid))
         progress.simulated += own.simulated
         progress.sources |= own.sources
+
+
+def _tiles_met(outcome: ChunkResult, grid: Grid) -> IntArray:
+    """Return tiles that blocks of a chunk come to, with barriers or without."""
+    places = [np.empty(0, np.int64)]
+    for own in outcome.sums.values():
+        places.append(own.cells[(own.kept["reach"] != 0) | (own.kept["stops"] != 0)])
+        if own.without is not None:
+            # Of windows, where there are some, which are wider than cells.
+            places.append(own.without.places)
+    return tiles_of(grid, np.concatenate(places))
+
+
+def tiles_of(grid: Grid, cells: IntArray) -> IntArray:
+    """Return the tiles of the grid that hold some cells, ascending."""
+    n_rows, n_cols = grid.shape
+    seen = np.zeros((-(-n_rows // _TILE), -(-n_cols // _TILE)), np.bool_)
+    row, col = np.divmod(cells, n_cols)
+    seen[row // _TILE, col // _TILE] = True
+    return np.flatnonzero(seen)
 
 
 def _add_passages(progress: Progress, outcome: ChunkResult, run: MapRun) -> None:

@@ -33,7 +33,6 @@ from sassgis.simulation.accumulators import (
     joined_rows,
 )
 from sassgis.simulation.response import RunOutcome, ToleranceCheck, outcome_of, response
-from sassgis.simulation.reuse import tiles_of
 from sassgis.simulation.workers import Threads, Workers, held_back
 from sassgis.terrain.fall_lines import trace
 from sassgis.terrain.flatten import chainage_to_xy
@@ -175,19 +174,7 @@ def _work(common: _Common, chunk: Chunk) -> ChunkResult:
         area=area, points=own.points, weight=chunk.weight,
         sums={k: _to_add(result) for k, result, *_ in found}, rows=joined_rows(parts),
         lines=joined_lines(drawn), lost=lost,
-        tiles=_tiles_met(run, [result for _, result, *_ in found]),
     )  # fmt: skip
-
-
-def _tiles_met(run: MapRun, results: Sequence[Simulated]) -> IntArray:
-    """Return tiles that blocks come to, with barriers or without; none where only one is wanted."""
-    if run.compared is None:
-        return np.empty(0, np.int64)
-    places = [np.empty(0, np.int64)]
-    places += [own.cells[(own.kept["reach"] != 0) | (own.kept["stops"] != 0)] for own in results]
-    # Without barriers windows are known where there are some, which are wider.
-    places += [own.without.places for own in results if own.without is not None]
-    return tiles_of(run.grid, np.concatenate(places))
 
 
 def _to_add(result: Simulated) -> Simulated:

@@ -23,7 +23,7 @@ from sassgis.files.saved_arrays import read_saved, write_saved
 from sassgis.grid import FloatArray, Grid, IntArray
 from sassgis.settings.map_run import MapRun
 from sassgis.settings.results import ControlLine
-from sassgis.simulation.accumulators import Progress, as_stations
+from sassgis.simulation.accumulators import Progress, as_stations, tiles_of
 from sassgis.simulation.checkpoint import progress_from, state_of
 from sassgis.simulation.control_lines import ControlLineSums
 from sassgis.terrain.fall_lines import points_on
@@ -39,9 +39,9 @@ _KEYS = {
     "ref_width_m": "hazard.ref_width_m", "forest": "effects.trees",
     "ground_heights": "terrain.block_scale_m",
 }  # fmt: skip
-#: Side of a tile, and how far from what it counts for a block that comes to a cell may be (cells):
-#: blocks pass between cell centres.
-_TILE, _NEAR_CELLS = 4, 2
+#: How far from what it counts for a block that comes to a cell may be (cells): blocks pass between
+#: cell centres.
+_NEAR_CELLS = 2
 #: Distance of points on a line, and from a point to the line's cells around it (cells).
 _APART, _BESIDE = 0.1, 0.06
 
@@ -120,15 +120,6 @@ def begun_with(file: Path, run: MapRun) -> Progress:
         if np.isin(own, tiles).any()
     )
     return progress
-
-
-def tiles_of(grid: Grid, cells: IntArray) -> IntArray:
-    """Return the tiles of the grid that hold some cells, ascending."""
-    n_rows, n_cols = grid.shape
-    seen = np.zeros((-(-n_rows // _TILE), -(-n_cols // _TILE)), np.bool_)
-    row, col = np.divmod(cells, n_cols)
-    seen[row // _TILE, col // _TILE] = True
-    return np.flatnonzero(seen)
 
 
 def _placeholders(compared: int, n: int) -> tuple[ControlLine, ...]:

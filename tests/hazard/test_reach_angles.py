@@ -86,9 +86,7 @@ def ended(point: int, blocks: int, weight: int) -> ChunkResult:
     rocks["line"], rocks["rock"], rocks["runout_m"] = point, np.arange(blocks), point
     place, passages = np.zeros(blocks), np.zeros(0, PASSAGE_DTYPE)
     rows = BlockRows.of_chunk(rocks, place, place, passages, 0, weight)
-    return ChunkResult(
-        0, np.array([point]), weight, {}, rows, joined_lines([]), 0, np.empty(0, np.int64)
-    )
+    return ChunkResult(0, np.array([point]), weight, {}, rows, joined_lines([]), 0)
 
 
 @pytest.mark.parametrize("most", [100_000, 800])

@@ -596,17 +596,16 @@ def evidence_of(
     share of the gap counts by its square: many causes close a fifth of any gap, few close most.
     """
     clear = {own.name for own in CAUSES[cause].statistics if own.clear}
-    own = {f.statistic: f.z for f in prints if f.effect == cause and f.observable}
-    best = [
-        max((z for name, z in own.items() if (name in clear) is kind), default=0.0)
-        for kind in (True, False)
-    ]
-    seen = [min(z, MOST_Z) for name, z in own.items() if name in clear and z >= PRINTED_Z]
-    best[0] = max(best[0], math.hypot(*seen))
+    own = [f for f in prints if f.effect == cause and f.observable]
+    certain = [f.z for f in own if f.statistic in clear]
+    usual = max((f.z for f in own if f.statistic not in clear), default=0.0)
+    together = math.hypot(*(min(z, MOST_Z) for z in certain if z >= PRINTED_Z))
     gain = gains.get(cause)
-    if gain is None or not CAUSES[cause].closes:
-        return np.array([_count(best[0]), _count(best[1]), 0.0, 0.0])
-    return np.array([*map(_count, (*best, gain.sureness)), (gain.share / SHARE_UNIT) ** 2])
+    sureness, share = 0.0, 0.0
+    if gain is not None and CAUSES[cause].closes:
+        sureness, share = gain.sureness, gain.share
+    z = max(*certain, together) if certain else 0.0
+    return np.array([_count(z), _count(usual), _count(sureness), (share / SHARE_UNIT) ** 2])
 
 
 def _count(z: float) -> float:
